@@ -1,12 +1,11 @@
 """`robrain arena`: the simulator in real time, and the files of the robots that it simulates."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 
 import msgspec
 import zenoh
@@ -59,7 +58,7 @@ def write_robot_files(
     connect: str,
     forwarders: Mapping[str, str] = NO_FORWARDERS,
     loadable: Sequence[Path] = (),
-    lines: Iterable[LinePlug] = (),
+    lines: Sequence[LinePlug] = (),
 ) -> list[Path]:
     """Write one file per robot into a folder.
 
@@ -73,34 +72,45 @@ def write_robot_files(
         lines: serial lines of the robots.
 
     """
-    paths, ports = [], {(plug.robot, PLUGINS[plug.line]): str(plug.path.absolute()) for plug in lines}
-    for robot in world.robots:
-        robot_file = robot_file_of(world, robot, team=team, connect=connect, loadable=loadable)
-        for plugin in PLUGINS.values():
-            if port := ports.get((robot.name, plugin)):
-                of_plugin = {**robot_file.parameters.get(plugin, {}), "port": port}
-                parameters = {**robot_file.parameters, plugin: of_plugin}
-                robot_file = msgspec.structs.replace(robot_file, parameters=parameters)
-        paths.append(write_robot_file(robot_file, folder, forwarders))
-    return paths
+    files = [
+        robot_file_of(world, robot, team=team, connect=connect, loadable=loadable, lines=lines)
+        for robot in world.robots
+    ]
+    return [write_robot_file(robot_file, folder, forwarders) for robot_file in files]
 
 
 def robot_file_of(
-    world: World, robot: ArenaRobot, *, team: str, connect: str, loadable: Sequence[Path] = ()
+    world: World,
+    robot: ArenaRobot,
+    *,
+    team: str,
+    connect: str,
+    loadable: Sequence[Path] = (),
+    lines: Sequence[LinePlug] = (),
 ) -> RobotFile:
     """The file of one robot; the arguments are those of `write_robot_files`."""
     robot_file = world.robot_file(robot, team=team, connect=(connect,))
-    if not loadable:
-        return robot_file
+    parameters = dict(robot_file.parameters)
+    for plug in lines:
+        if plug.robot == robot.name:
+            plugin = PLUGINS[plug.line]
+            parameters[plugin] = {**parameters.get(plugin, {}), "port": str(plug.path.absolute())}
     table = msgspec.structs.replace(robot_file.robot, loadable=[str(each) for each in loadable])
-    return msgspec.structs.replace(robot_file, robot=table)
+    return msgspec.structs.replace(robot_file, robot=table, parameters=parameters)
 
 
 def write_robot_file(robot_file: RobotFile, folder: Path, forwarders: Mapping[str, str] = NO_FORWARDERS) -> Path:
     """Write one file into a folder; returns its path."""
-    name = robot_file.robot.name
+    name, comment = robot_file.robot.name, ""
+    if address := forwarders.get(name):
+        host, _, port = address.partition(":")
+        comment = (
+            "# While this arena runs, a Serial Forwarder of the robot's base station is at "
+            f"{address}. To go by it:\n"
+            f'# [parameters.mote_base]\n# interface = "sf"\n# host = "{host}"\n# port = {port}\n\n'
+        )
     path = folder / f"{name}.toml"
-    path.write_bytes(forwarder_comment(name, forwarders).encode() + msgspec.toml.encode(robot_file))
+    path.write_bytes(comment.encode() + msgspec.toml.encode(robot_file))
     return path
 
 
@@ -119,16 +129,6 @@ def started_again(robot_file: RobotFile, pose: Pose2D | None) -> RobotFile:
     return msgspec.structs.replace(robot_file, parameters=parameters)
 
 
-def open_forwarders(endpoint: Endpoint, robots: Iterable[str], closing: ExitStack) -> list[SerialForwarder]:
-    """One a robot, each on a free port of loopback, closed with `closing`."""
-    forwarders = []
-    for robot in robots:
-        forwarder = SerialForwarder(endpoint, robot)
-        closing.callback(forwarder.close)
-        forwarders.append(forwarder)
-    return forwarders
-
-
 def open_lines(endpoint: Endpoint, world: World, folder: Path, closing: ExitStack) -> list[LinePlug]:
     """The robots' serial lines as pseudo terminals, such as `r1-lidar` in a folder; closed with `closing`."""
     plugs = []
@@ -141,22 +141,6 @@ def open_lines(endpoint: Endpoint, world: World, folder: Path, closing: ExitStac
             closing.callback(plug.close)
             plugs.append(plug)
     return plugs
-
-
-def addresses(forwarders: Iterable[SerialForwarder]) -> dict[str, str]:
-    """`host:port` of each robot's."""
-    return {forwarder.robot: "{}:{}".format(*forwarder.address) for forwarder in forwarders}
-
-
-def forwarder_comment(robot: str, forwarders: Mapping[str, str]) -> str:
-    """A comment for the robot's file; empty if it has no forwarder."""
-    if robot not in forwarders:
-        return ""
-    host, _, port = forwarders[robot].partition(":")
-    return (
-        f"# While this arena runs, a Serial Forwarder of the robot's base station is at {host}:{port}. To go by it:\n"
-        f'# [parameters.mote_base]\n# interface = "sf"\n# host = "{host}"\n# port = {port}\n\n'
-    )
 
 
 BYTES_MAX = 16 * 1024 * 1024
@@ -216,8 +200,11 @@ def arena_command(
         closing.callback(session.close)
         wire = closing.enter_context(live_endpoint(session, team))
         where = place.connect or listening_at(session)
-        forwarders = open_forwarders(wire, [robot.name for robot in world.robots], closing)
-        listening, lines = addresses(forwarders), []
+        forwarders = [SerialForwarder(wire, robot.name) for robot in world.robots]
+        for forwarder in forwarders:
+            closing.callback(forwarder.close)
+        listening = {forwarder.robot: "{}:{}".format(*forwarder.address) for forwarder in forwarders}
+        lines: list[LinePlug] = []
         if robot_files is not None:
             make_folder(robot_files)
             lines = open_lines(wire, world, robot_files, closing)
@@ -252,14 +239,7 @@ def _open(place: Place, should_stop: LiveStop) -> zenoh.Session | None:
     return session
 
 
-class Stepped(Protocol):
-    """Device that accepts connections: a base station's forwarder, a serial line."""
-
-    def step(self) -> None:
-        """Forward all waiting bytes."""
-
-
-def run_arena(arena: Arena, should_stop: Callable[[], bool], lines: Sequence[Stepped] = ()) -> None:
+def run_arena(arena: Arena, should_stop: Callable[[], bool], lines: Sequence[SerialForwarder | LinePlug]) -> None:
     """Step an arena, and its lines to others, in real time until `should_stop()`.
 
     After a pause of the machine the arena catches up at most half a second. The simulated world loses the rest of the
