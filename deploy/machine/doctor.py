@@ -538,13 +538,11 @@ class OwnCertificate(NamedTuple):
     """As `robrain pki issue` made it; None if none is given."""
 
 
-def check_certificates(
-    wanted: Sequence[OwnCertificate], endpoints: Sequence[str], now: datetime | None = None
-) -> list[Check]:
+def check_certificates(wanted: Sequence[OwnCertificate], endpoints: Sequence[str]) -> list[Check]:
     """A check for each certificate; none if no endpoint asks for one."""
     if not any(map(is_secured, endpoints)):
         return []
-    return [check_certificate(one, now or datetime.now(UTC)) for one in wanted]
+    return [check_certificate(one, datetime.now(UTC)) for one in wanted]
 
 
 def check_certificate(wanted: OwnCertificate, now: datetime) -> Check:

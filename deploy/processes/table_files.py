@@ -69,16 +69,16 @@ class _RuleTables(msgspec.Struct, frozen=True):
         check_rules(self.rules)
 
 
-def read_rules(path: Path, option: str = "--rules") -> tuple[Rule, ...]:
-    """Read the rules in a file; `option` is named in errors.
+def read_rules(path: Path) -> tuple[Rule, ...]:
+    """Read the rules in a file.
 
     Raises:
         UsageError: naming file, key and expected value.
 
     """
-    found = read_tables(path, _RuleTables, option).rules
+    found = read_tables(path, _RuleTables, "--rules").rules
     if not found:
-        raise UsageError(f"{option} {path}: expected at least one table [[rules]]")
+        raise UsageError(f"--rules {path}: expected at least one table [[rules]]")
     return found
 
 

@@ -331,18 +331,17 @@ class ProcessFigures:
         return self._last
 
 
-def commands_beside(pid: int, proc: Path = PROC) -> list[tuple[int, list[str]]]:
+def commands_beside(pid: int) -> list[tuple[int, list[str]]]:
     """The `robrain` processes with the same parent as a process: process ids and arguments.
 
     Args:
         pid: id of the process.
-        proc: the folder /proc.
 
     """
     found = []
     with suppress(OSError, ValueError, IndexError):
-        parent = _parent(proc / str(pid))
-        for folder in proc.iterdir():
+        parent = _parent(PROC / str(pid))
+        for folder in PROC.iterdir():
             with suppress(OSError, ValueError, IndexError):  # it may end meanwhile
                 if folder.name.isdigit() and _parent(folder) == parent:
                     words = (folder / "cmdline").read_text().rstrip("\0").split("\0")

@@ -124,16 +124,12 @@ class Supervisor:
 
     Args:
         on_event: called for failures and returns.
-        monotonic_s: the clock, in seconds.
 
     """
 
-    def __init__(
-        self, on_event: Callable[[PartEvent], None], monotonic_s: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, on_event: Callable[[PartEvent], None]) -> None:
         self.all: list[Supervised] = []
         self._on_event = on_event
-        self._monotonic_s = monotonic_s
         self._guard: subprocess.Popen[str] | None = None
 
     def add(self, parts: Sequence[Part]) -> None:
@@ -163,7 +159,7 @@ class Supervisor:
 
         """
         for each in self.all:
-            now_s = self._monotonic_s()
+            now_s = time.monotonic()
             if each.read_lifeline():
                 self._on_event(each.came_up(now_s))
             if each.child is not None and (status := each.child.exit_status) is not None:

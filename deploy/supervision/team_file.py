@@ -19,7 +19,6 @@ from robrain.protocol.errors import BadName, BadToml
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.toml_text import SMALL, read_toml
-from robrain.protocol.wire.session import is_loopback
 
 HOSTS = "hosts"
 PORT = 7447
@@ -155,11 +154,6 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if host.name == name:
                 return host
         raise UsageError(f"--host {name}: expected one of {names} ({path})")
-
-    @property
-    def is_private(self) -> bool:
-        """Whether no other machine can reach the hub."""
-        return is_loopback(self.endpoint)
 
 
 def is_team_file(path: Path) -> bool:

@@ -61,7 +61,6 @@ def test_hosts_and_the_hubs_endpoint_are_read(tmp_path) -> None:
     path = written(tmp_path, GOOD)
     found = read_team_file(path)
     assert found.endpoint == "tcp/10.0.0.5:7000"
-    assert not found.is_private
     assert found.host(path, "cart").robots == ["r1", "r2"]
     assert found.host(path, "base").robots == []
 
@@ -78,7 +77,6 @@ def test_only_host_needs_no_name(tmp_path) -> None:
     found = read_team_file(path)
     assert found.host(path, None).name == "base"
     assert found.endpoint == "tcp/127.0.0.1:7447"
-    assert found.is_private
 
 
 def test_ipv6_address_stands_in_brackets(tmp_path) -> None:
