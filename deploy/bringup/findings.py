@@ -158,9 +158,10 @@ def conclude(
     *,
     values: Mapping[str, float] = NOTHING,
     patch: Patch | None = None,
+    ok: bool | None = False,
 ) -> CheckFinding:
     """One thing that was found; `right` is ok, and `not_done` neither ok nor wrong."""
-    is_ok = {FindingKind.RIGHT: True, FindingKind.NOT_DONE: None}.get(kind, False)
+    is_ok = {FindingKind.RIGHT: True, FindingKind.NOT_DONE: None}.get(kind, ok)
     return CheckFinding(step, kind, is_ok, sentence, dict(values), patch or {}, remedy)
 
 
