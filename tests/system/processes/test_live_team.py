@@ -5,19 +5,8 @@ import json
 import pytest
 
 from robrain.recording.reader.reading import read_messages
-from tests.system.conftest import Commands
-from tests.waiting import until
 
 pytestmark = pytest.mark.system
-
-
-def _status(commands: Commands, *options: str, **variables: str) -> tuple[bool, dict[str, str]] | None:
-    """Whether the coordinator is there, and how each robot is."""
-    done = commands.run("status", "--json", *options, **variables)
-    if done.returncode != 0:
-        return None
-    told = json.loads(done.stdout)
-    return told["coordinator"], {robot["robot"]: robot["condition"] for robot in told["standing"]}
 
 
 def test_agents_explore_a_floor_together(commands) -> None:
@@ -36,22 +25,3 @@ def test_agents_explore_a_floor_together(commands) -> None:
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
                 if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip
     assert speakers == {"r1", "r2"}
-
-
-def test_team_started_by_hand_is_found_and_survives_its_coordinator(commands) -> None:
-    endpoint = commands.arena("arena_small", "--robots", "1")
-    nobody = commands.run_until(
-        lambda done: "nobody of team other" in done.stderr, "status", "--connect", endpoint, "--team", "other"
-    )
-    assert nobody.returncode == 2
-
-    commands.agents("r1")
-    coordinator = commands.start("coordinator", ROBRAIN_CONNECT=endpoint)
-    commands.line_with(coordinator, "coordinator: of team default")
-    # On an overloaded machine a robot may lose its link and be back a moment later, so status is asked until it agrees.
-    there, left = (True, {"r1": "up"}), (False, {"r1": "up"})
-    until(lambda: _status(commands, ROBRAIN_CONNECT=endpoint) == there, f"status never told {there}")
-
-    coordinator.kill()
-    coordinator.wait()
-    until(lambda: _status(commands, "--connect", endpoint) == left, f"status never told {left}")
