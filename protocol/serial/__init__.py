@@ -1,1 +1,1 @@
-"""Serial lines: ports of this computer, and simulated ones over Zenoh."""
+"""Serial lines, and the protocols of laser scanners on them: bytes to points, and points to bytes for the simulator."""

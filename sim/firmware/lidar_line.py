@@ -6,8 +6,8 @@ from enum import StrEnum
 import numpy as np
 
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.protocol.lidar.ld19 import POINTS, encode_ld19
-from robrain.protocol.lidar.rplidar import DESCRIPTOR, encode_rplidar
+from robrain.protocol.serial.ld19 import POINTS, encode_ld19
+from robrain.protocol.serial.rplidar import DESCRIPTOR, encode_rplidar
 
 LD19_PACKETS = 38
 """Of a turn at 10 Hz: 4,500 points a second."""

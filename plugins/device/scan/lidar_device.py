@@ -19,8 +19,8 @@ from robrain.agent.plugin import Device, external
 from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.lidar.points import Point
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.serial.points import Point
 
 logger = logging.getLogger(__name__)
 

@@ -8,11 +8,11 @@ from robrain.agent.plugin import external
 from robrain.algorithms.localization.odometry import PoseTrack
 from robrain.plugins.device.scan.lidar_device import LidarDevice, Mount, Placed, ScanMaker
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.lidar.ld19 import Ld19Decoder
-from robrain.protocol.lidar.points import LidarDecoder, LineCounts, Piece, Point
-from robrain.protocol.lidar.rplidar import RplidarDecoder
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.serial.ld19 import Ld19Decoder
+from robrain.protocol.serial.points import LidarDecoder, LineCounts, Piece, Point
+from robrain.protocol.serial.rplidar import RplidarDecoder
 from robrain.protocol.serial.serial_line import SerialLine
 
 POLL_S = 0.02

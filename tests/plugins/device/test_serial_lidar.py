@@ -13,10 +13,10 @@ from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarFault, Mount, ScanMaker
 from robrain.plugins.device.scan.serial_lidar import POINTS_MAX, Ld19, Rplidar, SerialLidar
-from robrain.protocol.lidar.ld19 import encode_ld19
-from robrain.protocol.lidar.points import Point
-from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.serial.ld19 import encode_ld19
+from robrain.protocol.serial.points import Point
+from robrain.protocol.serial.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, encode_rplidar
 from tests.plugins.device.bare_device import BareDevice
 
 

@@ -5,8 +5,8 @@ import pytest
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.serial_lidar import WAIT_NS, Ld19
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.lidar.ld19 import encode_ld19
 from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.serial.ld19 import encode_ld19
 from tests.plugins.device.bare_device import BareDevice
 
 PACKETS = 30

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from robrain.protocol.lidar.points import LineCounts, Piece, Point
+from robrain.protocol.serial.points import LineCounts, Piece, Point
 
 BAUD = 115_200
 """Of the A1 and A2M8; the A2M12 and A3 have 256,000."""

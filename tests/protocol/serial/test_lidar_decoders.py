@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.protocol.lidar.ld19 import PACKET_BYTES, Ld19Decoder, crc8, encode_ld19
-from robrain.protocol.lidar.points import Piece
-from robrain.protocol.lidar.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, RplidarDecoder, encode_rplidar
+from robrain.protocol.serial.ld19 import PACKET_BYTES, Ld19Decoder, crc8, encode_ld19
+from robrain.protocol.serial.points import Piece
+from robrain.protocol.serial.rplidar import DESCRIPTOR, MOTOR, SCAN, STOP, RplidarDecoder, encode_rplidar
 
 # A packet of LDROBOT's LD19 development manual, section "Communication protocol".
 MANUAL = bytes.fromhex(

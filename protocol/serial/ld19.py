@@ -23,7 +23,7 @@ from functools import cache
 
 import msgspec
 
-from robrain.protocol.lidar.points import LineCounts, Piece, Point
+from robrain.protocol.serial.points import LineCounts, Piece, Point
 
 BAUD = 230_400
 HEADER = b"\x54\x2c"

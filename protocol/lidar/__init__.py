@@ -1,1 +1,0 @@
-"""Serial protocols of laser scanners: bytes to points, and points to bytes for the simulator."""
