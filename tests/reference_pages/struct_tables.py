@@ -90,7 +90,10 @@ def type_words(hint: Any, link: str = "") -> str:
 
 
 def _plural(words: str) -> str:
-    return words if words.startswith(("`", "table", "list", "[", *COUNTS.values())) else f"{words}s"
+    if words.startswith(("`", "table", "list", "[", *COUNTS.values())):
+        return words
+    noun, space, limits = words.partition(" ")
+    return f"{noun}s{space}{limits}"
 
 
 def _choices(values: Any) -> str:
