@@ -15,44 +15,10 @@ from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import open_session
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
-
-
-class Team:
-    """Opens endpoints with sessions of their own."""
-
-    def __init__(self):
-        self.router = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-        self._connect = listening_at(self.router)
-        self._open = []
-
-    def join(self):
-        session = open_session(connect=self._connect)
-        endpoint = Endpoint(session, "t", LiveClock(), Drive.LIVE)
-        self._open.append((endpoint, session))
-        return endpoint
-
-    def leave(self):
-        for endpoint, session in reversed(self._open):
-            endpoint.close()
-            session.close()
-        self._open.clear()
-
-
-@pytest.fixture(scope="module")
-def lan():
-    team = Team()
-    yield team
-    team.router.close()
-
-
-@pytest.fixture
-def team(lan):
-    yield lan
-    lan.leave()
 
 
 def ask(endpoint, topic, payload=None, **names):

@@ -3,38 +3,15 @@
 import threading
 
 import msgspec
-import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.table.topics import HALT, ROBOT_PATH
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import until
 
 ROBOTS = 4
 HALTS = 200
 LARGE = b" " * 1_000_000
-
-
-@pytest.fixture
-def network():
-    """A router, and a function that opens an endpoint with its own session."""
-    router = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    opened = []
-
-    def join():
-        session = open_session(connect=listening_at(router))
-        endpoint = Endpoint(session, "t", LiveClock(), Drive.LIVE)
-        opened.append((endpoint, session))
-        return endpoint
-
-    yield join
-    for endpoint, session in reversed(opened):
-        endpoint.close()
-        session.close()
-    router.close()
 
 
 class Flood:
@@ -56,14 +33,14 @@ class Flood:
         self._thread.join()
 
 
-def test_every_halt_reaches_every_robot_while_others_flood_the_network(network):
+def test_every_halt_reaches_every_robot_while_others_flood_the_network(team):
     inboxes = []
-    robots = [network() for _ in range(ROBOTS)]
+    robots = [team.join() for _ in range(ROBOTS)]
     for robot in robots:
         inboxes.append(Inbox(10_000))
         robot.subscribe(inboxes[-1], HALT)
         robot.subscribe(Inbox(4), ROBOT_PATH)
-    publisher = network().publisher(HALT)
+    publisher = team.join().publisher(HALT)
     heard = [[] for _ in robots]
 
     def hear():
@@ -76,7 +53,7 @@ def test_every_halt_reaches_every_robot_while_others_flood_the_network(network):
         return all(heard)
 
     until(greeted)
-    forger = network()
+    forger = team.join()
     large = msgspec.json.encode(Halt(halted=True, by="forger", reason="x" * 2_000_000))
 
     def refused():

@@ -5,26 +5,17 @@ import time
 
 import pytest
 
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import ASKED_MAX, Inbox
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
-from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.endpoint import Serve
 from tests.waiting import until
 
 
 @pytest.fixture
-def pair():
-    with (
-        open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub,
-        open_session(mode="client", connect=listening_at(hub)) as client,
-    ):
-        robot, team = (Endpoint(one, "t", LiveClock(), Drive.LIVE) for one in (client, hub))
-        yield robot, team
-        robot.close()
-        team.close()
+def pair(team):
+    return team.join(), team.join()
 
 
 def ask_until_there(team, inbox):

@@ -1,18 +1,13 @@
 """A task's trace: its own unless another program gave one; it travels in the attachment of queries."""
 
-from contextlib import closing
-
 import pytest
 
 from robrain.protocol.answers.trace import KEPT, Traces, read_trace, trace_of
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.table.topics import ROBOT_OFFER
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import until
 
 GIVEN = "4bf92f3577b34da6a3ce929d0e0e4736"
@@ -43,34 +38,27 @@ def test_attachment_that_is_no_trace_is_none(attachment):
     assert read_trace(attachment) == ""
 
 
-def test_trace_travels_with_the_query_and_anything_else_does_not():
+def test_trace_travels_with_the_query_and_anything_else_does_not(team):
     task = Task(id="visit-1", kind="visit", place=Point2D(0.0, 0.0))
     offer = TaskOffer(task=task, epoch=1, lease_s=1.0)
     heard = []
-    with (
-        closing(open_session(mode="router", listen=["tcp/127.0.0.1:0"])) as hub,
-        closing(open_session(connect=listening_at(hub))) as far,
-    ):
-        coordinator = Endpoint(hub, "t", LiveClock(), Drive.LIVE)
-        robot = Endpoint(far, "t", LiveClock(), Drive.LIVE)
+    coordinator, robot = team.join(), team.join()
 
-        def take(request):
-            heard.append(request.trace)
-            return TaskAnswer(accepted=True)
+    def take(request):
+        heard.append(request.trace)
+        return TaskAnswer(accepted=True)
 
-        robot.answer(ROBOT_OFFER, take, robot="r1")
+    robot.answer(ROBOT_OFFER, take, robot="r1")
 
-        def offered(trace):
-            reply = coordinator.ask_later(ROBOT_OFFER, offer, robot="r1", trace=trace)
-            return until(lambda: _answer(reply), "no answer")
+    def offered(trace):
+        reply = coordinator.ask_later(ROBOT_OFFER, offer, robot="r1", trace=trace)
+        return until(lambda: _answer(reply), "no answer")
 
-        until(lambda: offered("") == "accepted", "the robot is not there")
-        heard.clear()
-        for trace in (GIVEN, "", "x" * 32):
-            assert offered(trace) == "accepted"
-        assert heard == [GIVEN, "", ""]
-        robot.close()
-        coordinator.close()
+    until(lambda: offered("") == "accepted", "the robot is not there")
+    heard.clear()
+    for trace in (GIVEN, "", "x" * 32):
+        assert offered(trace) == "accepted"
+    assert heard == [GIVEN, "", ""]
 
 
 def _answer(reply):
