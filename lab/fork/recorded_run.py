@@ -15,8 +15,8 @@ import zenoh
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.fork.changes import Change, SetPolicy, from_json
 from robrain.lab.fork.fork_result import repeatable
-from robrain.protocol.answers.lockstep_query import NO_LIMIT_S
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.links.zenoh_link import NO_LIMIT_S
 from robrain.protocol.messages.team.arena_messages import OutsideInput, ScriptInput
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.table.topic import JSON, Query, Topic

@@ -9,10 +9,10 @@ import zenoh
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.signing import Signing
 from robrain.protocol.answers.answering import WaitingQueries
-from robrain.protocol.answers.lockstep_query import LockstepReplies
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.links.zenoh_link import LockstepReplies
 from robrain.protocol.messages.robots.plugin_messages import Event
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
