@@ -1,10 +1,10 @@
 """Errors of journals.
 
 RobrainError
-└── JournalError              a journal cannot be used; carries `.path`
-    ├── JournalLocked         another coordinator writes it
-    ├── BadBackup             a backup does not pass the check
-    └── JournalUnwritable     a change could not be committed: the disk is full, or gone
+└── JournalError              unusable; carries `.path`
+    ├── JournalLocked         written by another coordinator
+    ├── BadBackup             fails its check
+    └── JournalUnwritable     the disk is full or gone
 """
 
 from pathlib import Path

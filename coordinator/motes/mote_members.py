@@ -224,7 +224,7 @@ class MoteMembers(CoordinatorPart):
         self._has_received = False
         self._check_ns = 0
         self._seen_version = -1
-        self._errands: dict[str, MoteTask] = {}
+        self._tasks: dict[str, MoteTask] = {}
         self._duties: dict[str, Publisher] = {}
         self.subscribe(MOTE_READING)
 
@@ -235,9 +235,9 @@ class MoteMembers(CoordinatorPart):
         reading: MoteReading = received.message
         self._has_received = True
         self.table.record(reading, now_ns)
-        for errand in self._errands.values():
-            if errand.mote.name == reading.mote:
-                errand.record(reading, now_ns)
+        for mote_task in self._tasks.values():
+            if mote_task.mote.name == reading.mote:
+                mote_task.record(reading, now_ns)
 
     def decide(self, now_ns: int) -> None:
         """End tasks that are done or hopeless, and give out new ones."""
@@ -248,7 +248,7 @@ class MoteMembers(CoordinatorPart):
             for record in self._book.open:
                 if record.robot.startswith(MEMBER_PREFIX) and self._follow(record, now_ns):
                     self.core.assign_soon()
-            for task_id in [task_id for task_id in self._errands if not self._is_at_it(task_id)]:
+            for task_id in [task_id for task_id in self._tasks if not self._is_at_it(task_id)]:
                 self._forget(task_id)  # done, or called off
             for record in self._book.open:
                 if record.state is TaskState.QUEUED:
@@ -261,24 +261,24 @@ class MoteMembers(CoordinatorPart):
 
     def _follow(self, record: TaskRecord, now_ns: int) -> bool:
         """Check on a task that a mote has; returns whether others may do it now."""
-        errand = self._errands.get(record.task.id)
-        if errand is None:  # of a coordinator before this one
+        mote_task = self._tasks.get(record.task.id)
+        if mote_task is None:  # of a coordinator before this one
             unknown = plain("mote_unknown", "the coordinator started again, and no mote is at it")
             self._book.give_back(record.task.id, unknown)
             return True
-        if errand.values and now_ns >= errand.until_ns:
-            self._book.move(record.task.id, TaskState.DONE, result=errand.result)
+        if mote_task.values and now_ns >= mote_task.until_ns:
+            self._book.move(record.task.id, TaskState.DONE, result=mote_task.result)
             return False
         deadline_ns = record.task.deadline_ns
         if deadline_ns is not None and now_ns > deadline_ns:
             self._book.move(record.task.id, TaskState.FAILED, DeadlinePassed())
             return False
-        silent_s = to_seconds(now_ns - errand.last_ns)
-        if silent_s <= errand.patience_s:
+        silent_s = to_seconds(now_ns - mote_task.last_ns)
+        if silent_s <= mote_task.patience_s:
             return False
         reason = plain("told_nothing", f"told nothing in {silent_s:.0f} s", silent_s=round(silent_s, 3))
         self.core.lifecycle.backoff.record(record.task.id, record.robot, reason, now_ns)
-        self._book.give_back(record.task.id, RobotOut(errand.mote.name, reason))
+        self._book.give_back(record.task.id, RobotOut(mote_task.mote.name, reason))
         return True
 
     def _is_at_it(self, task_id: str) -> bool:
@@ -297,9 +297,9 @@ class MoteMembers(CoordinatorPart):
         self.core.explanation.record(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
-        errand = self._errands[record.task.id] = MoteTask(wanted, mote, now_ns)
-        if errand.interval_s < errand.usual_s:
-            self._ask_duty(mote.name, errand.interval_s)
+        mote_task = self._tasks[record.task.id] = MoteTask(wanted, mote, now_ns)
+        if mote_task.interval_s < mote_task.usual_s:
+            self._ask_duty(mote.name, mote_task.interval_s)
 
     def judge(self, record: TaskRecord, now_ns: int) -> tuple[list[RobotVerdict], KnownMote | None]:
         """How each mote and robot stands to a task, and the mote that does it.
@@ -384,10 +384,10 @@ class MoteMembers(CoordinatorPart):
             self._duties.pop(next(iter(self._duties))).close()
 
     def _forget(self, task_id: str) -> None:
-        errand = self._errands.pop(task_id)
-        others = [other for other in self._errands.values() if other.mote is errand.mote]
-        if errand.interval_s < errand.usual_s and not others:
-            self._ask_duty(errand.mote.name, errand.usual_s)
+        mote_task = self._tasks.pop(task_id)
+        others = [other for other in self._tasks.values() if other.mote is mote_task.mote]
+        if mote_task.interval_s < mote_task.usual_s and not others:
+            self._ask_duty(mote_task.mote.name, mote_task.usual_s)
 
 
 def wanted_of_motes(record: TaskRecord) -> Sense | Monitor | None:

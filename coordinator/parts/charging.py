@@ -6,6 +6,7 @@ robot waits.
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
@@ -270,18 +271,16 @@ def _planned(turn: ChargerSlot, one: ChargeSeeker, has_set_out: bool, now_ns: in
 
 def _is_same_schedule(published: tuple[PlannedCharge, ...], now: tuple[PlannedCharge, ...], now_ns: int) -> bool:
     """Whether the published schedule still holds, apart from the passing of time."""
-    if len(published) != len(now):
+    if [_FIXED(one) for one in published] != [_FIXED(one) for one in now]:
         return False
-    for one, other in zip(published, now, strict=True):
-        if (one.robot, one.charger, one.behind) != (other.robot, other.charger, other.behind):
-            return False
-        if (one.has_set_out, one.is_there) != (other.has_set_out, other.is_there):
-            return False
-        if abs(one.until_ns - other.until_ns) > max(MOVED_NS, MOVED_SHARE * (one.until_ns - now_ns)):
-            return False
-    return True
+    return all(
+        abs(one.until_ns - other.until_ns) <= max(MOVED_NS, MOVED_SHARE * (one.until_ns - now_ns))
+        for one, other in zip(published, now, strict=True)
+    )
 
 
+_FIXED = attrgetter("robot", "charger", "behind", "has_set_out", "is_there")
+"""Fields that change only when the schedule does."""
 AGAIN_NS = to_ns(30.0)
 """Pause after a robot refused to charge, or failed at it (chosen)."""
 EARLY_S = 5.0

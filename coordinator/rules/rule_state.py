@@ -1,4 +1,4 @@
-"""Rule watches: whether a rule may make a task now, and which of its motes are in alarm."""
+"""State of a rule: whether it may make a task now, and which of its motes are in alarm."""
 
 from bisect import bisect_right
 from collections import OrderedDict

@@ -73,15 +73,15 @@ class TaskRules(CoordinatorPart):
         self.sieve = ReadingSieve(REMEMBERED)
         self._wire, self._book, self._roster = core.wire, core.tasks, core.roster
         self._now_ns = core.wire.clock.now_ns()
-        self._watches = self._restored(rules) if rules else []
+        self._states = self._restored(rules) if rules else []
         self._of_quantity: dict[str, list[tuple[RuleState, ReadingCondition]]] = {}
         self._of_event: dict[tuple[str, str], list[tuple[RuleState, EventCondition]]] = {}
-        for watch in self._watches:
-            reading, event = watch.rule.reading, watch.rule.event
+        for rule_state in self._states:
+            reading, event = rule_state.rule.reading, rule_state.rule.event
             if reading is not None:
-                self._of_quantity.setdefault(reading.quantity, []).append((watch, reading))
+                self._of_quantity.setdefault(reading.quantity, []).append((rule_state, reading))
             if event is not None:
-                self._of_event.setdefault((event.plugin, event.event), []).append((watch, event))
+                self._of_event.setdefault((event.plugin, event.event), []).append((rule_state, event))
         if self._of_quantity:
             self.subscribe(MOTE_READING)
         for plugin, event_name in self._of_event:
@@ -94,11 +94,11 @@ class TaskRules(CoordinatorPart):
 
     def summary(self, state: TeamState, now_ns: int) -> TeamState:
         """Add the actions of the rules."""
-        return msgspec.structs.replace(state, rules=self.status()) if self._watches else state
+        return msgspec.structs.replace(state, rules=self.status()) if self._states else state
 
     def status(self) -> list[RuleStatus]:
         """Each rule and its actions, in the order of the file."""
-        return [watch.status(self._is_open) for watch in self._watches]
+        return [rule_state.status(self._is_open) for rule_state in self._states]
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
@@ -126,34 +126,33 @@ class TaskRules(CoordinatorPart):
             self._handle_reading(received.message)
 
     def _handle_reading(self, reading: MoteReading) -> None:
-        watches = self._of_quantity.get(reading.quantity)
-        if watches is None or not self.sieve.is_new(reading):
+        states = self._of_quantity.get(reading.quantity)
+        if states is None or not self.sieve.is_new(reading):
             return
-        for watch, condition in watches:
+        for rule_state, condition in states:
             if condition.covers(reading):
-                self._judge(watch, condition, reading)
+                self._judge(rule_state, condition, reading)
 
-    def _judge(self, watch: RuleState, condition: ReadingCondition, reading: MoteReading) -> None:
-        track = self.tracks.of(watch.rule.name, reading.mote, condition, self._now_ns)
+    def _judge(self, rule_state: RuleState, condition: ReadingCondition, reading: MoteReading) -> None:
+        track = self.tracks.of(rule_state.rule.name, reading.mote, condition, self._now_ns)
         if track is None:
             return
         gap_ns = to_ns(max(GAP_MIN_S, GAP_PERIODS * (reading.period_s or USUAL_PERIOD_S)))
         track.record(measured_at_ns(reading), reading.value, gap_ns)
-        watch.record_level(reading.mote, track, gap_ns, self._now_ns)
-        source = watch.source_of(reading.mote)
-        alarm = watch.in_alarm(source)
+        rule_state.record_level(reading.mote, track, gap_ns, self._now_ns)
+        source = rule_state.source_of(reading.mote)
+        alarm = rule_state.in_alarm(source)
         if alarm is not None:
-            if watch.is_clear(alarm, track, self._now_ns):
-                self._arm(watch, alarm)
+            if rule_state.is_clear(alarm, track, self._now_ns):
+                self._arm(rule_state, alarm)
             return
-        known = watch.alarms.get(source)
+        known = rule_state.alarms.get(source)
         if known is not None and track.newest_ns <= known.measured_ns:
             return  # the reading for which there was a task, sent again to a coordinator that has started again
         held_s, age_ns = track.held_s, self._now_ns - track.newest_ns
         if held_s is None or held_s < condition.for_s or age_ns > to_ns(condition.max_age_s):
             return
         place = reading.place
-        where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
         if condition.is_rate:
             verb = condition.comparison.removesuffix("_per_min")
             how = f"{verb} by {abs(track.rate_per_min):.4g} per minute, more than {condition.threshold:g}"
@@ -163,9 +162,9 @@ class TaskRules(CoordinatorPart):
         age_s = to_seconds(max(age_ns, 0))
         reason = plain(
             "rule_reading",
-            f"rule {watch.rule.name}: {reading.mote} sensed {reading.quantity} {track.value:g}, {how}{held}, "
+            f"rule {rule_state.rule.name}: {reading.mote} sensed {reading.quantity} {track.value:g}, {how}{held}, "
             f"{age_s:.1f} s before",
-            rule=watch.rule.name,
+            rule=rule_state.rule.name,
             mote=reading.mote,
             quantity=reading.quantity,
             value=track.value,
@@ -182,55 +181,55 @@ class TaskRules(CoordinatorPart):
             "value": track.value,
             "mote": reading.mote,
             "robot": reading.via,
-            **where,
+            **_place_values(place),
         }
-        self._make(watch, TaskCause(source, track.newest_ns, place, values, reason))
+        self._make(rule_state, TaskCause(source, track.newest_ns, place, values, reason))
 
     def _handle_event(self, event: Event) -> None:
         state = self._roster.robots.get(event.robot)
         pose = None if state is None or state.state is None or state.state.frame != ARENA else state.state.pose
         place = None if pose is None else Point2D(pose.x_m, pose.y_m)
-        for watch, condition in self._of_event.get((event.plugin, event.event), ()):
+        for rule_state, condition in self._of_event.get((event.plugin, event.event), ()):
             value = _part(event.value, condition.field)
             is_meant = not condition.robots or event.robot in condition.robots
             is_old = self._now_ns - event.stamp_ns > to_ns(condition.max_age_s)
-            source = watch.source_of(event.robot)
-            known = watch.alarms.get(source)
+            source = rule_state.source_of(event.robot)
+            known = rule_state.alarms.get(source)
             # A coordinator that starts again receives the last events again.
             is_known = known is not None and event.stamp_ns <= known.measured_ns
             if not is_meant or is_old or is_known or not condition.holds(value):
                 continue
-            where = {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
-            values = {"robot": event.robot, "plugin": event.plugin, "event": event.event, "value": value, **where}
+            event_values = {"robot": event.robot, "plugin": event.plugin, "event": event.event, "value": value}
+            values = event_values | _place_values(place)
             number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
             shown = "" if number is None else f" {number:g}"
             reason = plain(
                 "rule_event",
-                f"rule {watch.rule.name}: {event.plugin} of {event.robot} notified of {event.event}{shown}",
-                rule=watch.rule.name,
+                f"rule {rule_state.rule.name}: {event.plugin} of {event.robot} notified of {event.event}{shown}",
+                rule=rule_state.rule.name,
                 robot=event.robot,
                 plugin=event.plugin,
                 event=event.event,
                 stamp_ns=event.stamp_ns,
                 **({} if number is None else {"value": number}),
             )
-            self._make(watch, TaskCause(source, event.stamp_ns, place, values, reason))
+            self._make(rule_state, TaskCause(source, event.stamp_ns, place, values, reason))
 
     # -- making tasks ---------------------------------------------------------------------------------------
 
-    def _arm(self, watch: RuleState, alarm: JournalAlarm) -> None:
+    def _arm(self, rule_state: RuleState, alarm: JournalAlarm) -> None:
         armed = msgspec.structs.replace(alarm, is_armed=True)
         try:
             self._book.journal.record_alarm(armed)
         except JournalUnwritable as error:  # it stays in alarm until that can be written down
-            watch.refused(str(error), self._now_ns)
+            rule_state.refused(str(error), self._now_ns)
             return
-        watch.alarms[alarm.source] = armed
+        rule_state.alarms[alarm.source] = armed
 
-    def _make(self, watch: RuleState, cause: TaskCause) -> None:
-        if not watch.may_make(self._now_ns, self._is_open):
+    def _make(self, rule_state: RuleState, cause: TaskCause) -> None:
+        if not rule_state.may_make(self._now_ns, self._is_open):
             return
-        rule, now_ns = watch.rule, self._now_ns
+        rule, now_ns = rule_state.rule, self._now_ns
         is_armed = rule.event is not None  # an event is over at once: the next one counts again
         alarm = JournalAlarm(
             rule=rule.name, source=cause.source, measured_ns=cause.stamp_ns, fired_ns=now_ns, is_armed=is_armed
@@ -240,10 +239,10 @@ class TaskRules(CoordinatorPart):
             record = self.core.requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
         except (CallError, ValueError) as error:
             refusal = error.message if isinstance(error, CallError) else str(error)
-            watch.refused(refusal, now_ns)
+            rule_state.refused(refusal, now_ns)
             self._wire.refusals.record("rule", rule.name, RefusalCode.FAILED, refusal)
             return
-        watch.made(record.task.id, alarm)
+        rule_state.made(record.task.id, alarm)
 
     def _task(self, rule: Rule, cause: TaskCause) -> Task:
         """The task that a rule makes; ValueError if a required value is unknown."""
@@ -266,6 +265,10 @@ class TaskRules(CoordinatorPart):
     def _is_open(self, task: str) -> bool:
         record = self._book.find(task)
         return record is not None and not record.state.ended
+
+
+def _place_values(place: Point2D | None) -> dict[str, Any]:
+    return {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
 
 
 def _max_age_s(rule: Rule) -> float:

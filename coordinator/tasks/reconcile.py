@@ -2,18 +2,16 @@
 
 With each state a robot reports three things. These are its last task with epoch and status, the task that it holds for
 later, and the end of the one before. The journal has the book's state at any moment. Together they determine the
-result, whichever process restarted meanwhile:
+next state, whichever process restarted meanwhile. By the state in the book, and the robot:
 
-| the book says | the robot | result |
-|---|---|---|
-| anything open | has ended it, same epoch | the robot's report counts (`TaskBook.record_status`) |
-| offered, lost contact | is doing it, same epoch | running |
-| offered | holds it, same epoch | offered |
-| running | silent for 1 s, or its token is gone | lost contact |
-| lost contact | silent for the lease and a guard time | given back |
-| running | present, and does not report it for 1 s | given back: the robot lost it, for example in a restart |
-| offered | does not report it for the lease and a guard time | given back |
-| another task, or none | is doing a task, or holds one | that task is withdrawn |
+- Anything open, which the robot has ended with the same epoch: its report counts (`TaskBook.record_status`).
+- Offered, or lost contact, and the robot is doing it with the same epoch: running.
+- Offered, and the robot holds it with the same epoch: offered.
+- Running, and the robot is silent for 1 s, or its token is gone: lost contact.
+- Lost contact, and the robot is silent for the lease and a guard time: given back.
+- Running, and the robot is present and does not report it for 1 s: given back, for example after a restart.
+- Offered, and the robot does not report it for the lease and a guard time: given back.
+- Another task, or none, and the robot is doing a task, or holds one: that task is withdrawn.
 """
 
 from collections.abc import Sequence
