@@ -64,6 +64,7 @@ class Coordinator:
         self.tasks, self.roster, self.team_map = core.tasks, core.roster, core.team_map
         self.planning, self.lifecycle, self.halts = core.planning, core.lifecycle, core.halts
         self._wire, self._stage = wire, core.guard.stage
+        self.refusals = wire.refusals
         self._now_ns = wire.clock.now_ns()
         self._reports = RobotReports(core)
         self.merge_held_patches = self._reports.merge_held_patches
@@ -180,7 +181,7 @@ class Coordinator:
             tasks_done=self.tasks.done_count,
             messages=self._reports.received,
             halt=self.halts.status(now_ns),
-            refused=most_refused(self._wire.refusals),
+            refused=most_refused(self.refusals),
             stale=core.stale.found or UNSET,
             unwritable=self.tasks.journal.failing or UNSET,
             last_change=self.tasks.last_change,

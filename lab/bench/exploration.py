@@ -37,8 +37,8 @@ from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import RunFailed
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts
-from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
-from robrain.sim.scenarios.scenario_file import MAX_ROBOTS
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, MAX_SEED
 from robrain.sim.world.time_use import TimeUse
 from robrain.sim.world.world import Fidelity
 

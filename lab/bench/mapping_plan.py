@@ -14,8 +14,8 @@ from robrain.deploy.errors import UsageError
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.robot.wheels import WheelSpec
-from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
-from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, builtin_names
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, MAX_SEED, builtin_names
 
 PROJECT = Path(__file__).resolve().parents[2]
 OWN_MAPS = PROJECT / "examples" / "maps"

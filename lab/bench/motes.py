@@ -18,7 +18,7 @@ from robrain.lab.bench.figure import Figure, at_least, deterministic, show_figur
 from robrain.lab.bench.mapping_plan import all_runs, names_of, numbers_of
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.scenarios.scenario import MAX_SEED
+from robrain.sim.scenarios.scenario_file import MAX_SEED
 
 SIZE_M = 100.0
 SINK = Point2D(0.0, 0.0)

@@ -18,8 +18,8 @@ from robrain.protocol.registry import UnknownEntry
 from robrain.protocol.toml_text import parse_toml
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.scenarios.scenario import MAX_SEED, Scenario
-from robrain.sim.scenarios.scenario_file import ScenarioTables, document_toml
+from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.scenarios.scenario_file import MAX_SEED, ScenarioTables, document_toml
 
 Value = str | int | float | bool
 """A value in a table: that of a key, or its JSON text if it is a list or a table."""

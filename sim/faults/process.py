@@ -13,6 +13,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import Clock, to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.exchange import Exchange
+from robrain.protocol.refusals import Refusals
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 
 logger = logging.getLogger(__name__)
@@ -41,6 +42,8 @@ class SkewedClock:
 
 class Component(Protocol):
     """Program of a process."""
+
+    refusals: Refusals
 
     def step(self) -> None:
         """Do the work that is due."""

@@ -338,8 +338,8 @@ class LockstepRun:
         self._exchange.step()
         if self._radio is not None:
             self._radio.publish(now_ns)
-        paused = {name for name, pauses in self._pauses.items() if pauses.covers(now_ns)}
-        self.team_faults.step(now_ns, paused)
+        pauses = self._pauses
+        self.team_faults.step(now_ns, {name for name in pauses if pauses[name].covers(now_ns)} if pauses else ())
         if self._ticks % self._watch_ticks == 0:
             self._watch()
         for endpoint in self._endpoints:
@@ -350,21 +350,20 @@ class LockstepRun:
 
     def _end_on_defect(self) -> None:
         """Raise RunFailed if a substitute replaced code that failed: the run did not measure the requested code."""
-        if self.has_coordinator and self._coordinator_wire.refusals.defect:
-            raise RunFailed(self._failed(self._coordinator_wire.refusals.defect))
-        for host in self.hosts:
-            if host.refusals.defect:
-                raise RunFailed(self._failed(f"{host.name}: {host.refusals.defect}"))
-            if self._distributions and not self.world.faults and self._ticks % self._watch_ticks == 0:
-                self._end_on_fault(host)
+        for process in self.team_faults.processes.values():
+            if process.component is not None and process.component.refusals.defect:
+                raise RunFailed(self._failed(f"{process.name}: {process.component.refusals.defect}"))
+        if self._distributions and not self.world.faults and self._ticks % self._watch_ticks == 0:
+            self._end_on_fault()
 
-    def _end_on_fault(self, host: AgentHost) -> None:
+    def _end_on_fault(self) -> None:
         """The same for plugins of installed distributions, if no other cause makes plugins fault."""
-        for plugin in host.manager.plugins.values():
-            is_foreign = any(plugin.manifest.path.is_relative_to(place) for place, _ in self._distributions)
-            if is_foreign and plugin.state is PluginState.FAULTED and plugin.raised.where and not plugin.needs:
-                failed = f"{host.name}: plugin {plugin.name} failed: {plugin.raised.where}: {plugin.state_reason}"
-                raise RunFailed(self._failed(failed))
+        for host in self.hosts:
+            for plugin in host.manager.plugins.values():
+                is_foreign = any(plugin.manifest.path.is_relative_to(place) for place, _ in self._distributions)
+                if is_foreign and plugin.state is PluginState.FAULTED and plugin.raised.where and not plugin.needs:
+                    failed = f"{host.name}: plugin {plugin.name} failed: {plugin.raised.where}: {plugin.state_reason}"
+                    raise RunFailed(self._failed(failed))
 
     def _failed(self, what: str) -> str:
         return f"the run ended at {self.sim_time_s:.2f} s: {what}"

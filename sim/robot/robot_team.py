@@ -105,7 +105,7 @@ class RobotTeam:
         """Robots whose range sensors measure in a tick, by its remainder."""
         self._sweeping = [robot for robot in robots if robot.line is not None]
         self._with_imu = [robot for robot in robots if robot.has_imu]
-        self._described = [robot for robot in robots if robot.described is not None]
+        self._described = [(robot.body, robot.described) for robot in robots if robot.described is not None]
         self._three_wheels = [(row, robot.bus) for row, robot in enumerate(robots) if robot.described is None]
         """Rows and buses of the robots whose encoder frames are made together."""
         self._late = [robot for robot in robots if robot.is_late]
@@ -115,21 +115,6 @@ class RobotTeam:
         if self.traffic is not None:
             hulls = [(body.x_m, body.y_m, body.radius_m) for body in self.bodies.bodies]
             self.traffic.step(tick * self._tick_s, hulls, self.bodies.other_velocities, self.circles)
-        self._act(tick)
-        self._space.step(self._tick_s)
-        self._collisions.tick = tick
-
-    def report(self, tick: int) -> None:
-        """Send the measurements of firmware and sensors."""
-        self._report(tick)
-        self._sense(tick)
-
-    def close(self) -> None:
-        """Leave the robots' buses."""
-        for robot in self.robots:
-            robot.bus.shutdown()
-
-    def _act(self, tick: int) -> None:
         wanted_rad_s = self.bodies.wanted_rad_s
         for row, robot in enumerate(self.robots):
             controller = robot.controller
@@ -137,9 +122,11 @@ class RobotTeam:
                 controller.receive(tick)
                 wanted_rad_s[row] = controller.wheel_speeds_rad_s
         self.bodies.drive()
+        self._space.step(self._tick_s)
+        self._collisions.tick = tick
 
-    def _report(self, tick: int) -> None:
-        """Update the bodies' motion and report it on the buses."""
+    def report(self, tick: int) -> None:
+        """Update the bodies' motion, and send the measurements of firmware and sensors."""
         bodies = self.bodies
         bodies.roll()
         add_motion(self._loads, bodies.state, self._tick_s)
@@ -149,8 +136,10 @@ class RobotTeam:
             frames = self._encoders.frames(bodies.turns_rad)
             for row, bus in self._three_wheels:
                 bus.send_data(ENCODER_IDENTIFIER, frames[row])
-        for robot in self._described:
-            self._follow(robot, before)
+        for body, described in self._described:
+            described.roll(body.forward_m, body.left_m, body.turned_rad)
+            if before % described.encoder_period_ticks == 0:
+                described.send_counts()
         for robot in self._with_imu:
             robot.measure_turning()
         for row, robot in enumerate(robots):
@@ -168,13 +157,12 @@ class RobotTeam:
                 if controller.powered == robot.battery.is_cut_off:  # it has cut off or come back in this tick
                     controller.powered = not robot.battery.is_cut_off
                     bodies.wanted_rad_s[row] = controller.wheel_speeds_rad_s
+        self._sense(tick)
 
-    def _follow(self, robot: SimulatedRobot, before: int) -> None:
-        controller, body = robot.described, robot.body
-        if controller is not None:
-            controller.roll(body.forward_m, body.left_m, body.turned_rad)
-            if before % controller.encoder_period_ticks == 0:
-                controller.send_counts()
+    def close(self) -> None:
+        """Leave the robots' buses."""
+        for robot in self.robots:
+            robot.bus.shutdown()
 
     def _sense(self, tick: int) -> None:
         """Measure the ranges and scan with the lidars that are due; then forward late messages."""

@@ -6,7 +6,6 @@ result = Scenario.builtin("depot").replace(robots=3, seed=7).run(until_explored=
 print(f"{result.explored_fraction:.0%} explored in {result.sim_time_s:.0f} s")
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -40,8 +39,6 @@ from robrain.sim.points.point_team import POSSIBLE
 from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import (
-    MAX_MOTES,
-    MAX_ROBOTS,
     MapTable,
     MotesTable,
     ScenarioTable,
@@ -61,10 +58,13 @@ from robrain.sim.world.arena import clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.robot_specs import RobotSpec
-from robrain.sim.world.scenario_tasks import TaskSpec, check_tasks
+from robrain.sim.world.scenario_tasks import TaskSpec
 from robrain.sim.world.world import Fidelity, World, build_world
 
-MAX_SEED = (1 << 63) - 1
+ALIKE = ("chargers", "rules", "faults", "surfaces", "disturbance", "tasks", "links")
+"""Fields that a scenario's file has too."""
+OF_WORLD = ("faults", "surfaces", "disturbance", "starts_known", "idle", "tasks", "links", "fidelity")
+"""Fields that its world has too."""
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
@@ -119,23 +119,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """TOML text that the scenario was read from."""
 
     def __post_init__(self) -> None:
-        whole = {"robots": (1, MAX_ROBOTS), "motes": (0, MAX_MOTES), "seed": (0, MAX_SEED)}
-        for name, (lowest, highest) in whole.items():
-            value = getattr(self, name)
-            if type(value) is not int or not lowest <= value <= highest:
-                raise ScenarioError(f"{self.name}: expected {name} from {lowest} to {highest}, got {value!r}")
-        if not 0 < self.until_explored <= 1:
-            raise ScenarioError(
-                f"{self.name}: expected until_explored above 0 and at most 1, got {self.until_explored}"
-            )
-        if not self.time_limit_s > 0:
-            raise ScenarioError(f"{self.name}: expected time_limit_s > 0, got {self.time_limit_s}")
-        if self.near is not None and self.starts is Starts.SCATTERED:
-            raise ScenarioError(f"{self.name}: expected either near or scattered starts, got both")
-        if self.near is not None and not (math.isfinite(self.near.x_m) and math.isfinite(self.near.y_m)):
-            raise ScenarioError(f"{self.name}: expected finite coordinates for near, got {self.near}")
         try:
-            check_tasks(self.tasks)
+            msgspec.convert(self.document(), ScenarioTables)
         except ValueError as error:
             raise ScenarioError(f"{self.name}: {error}") from error
 
@@ -176,8 +161,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         floor = tables.floor if tables.floor is not None else base / tables.map.file if tables.map else None
         assert floor is not None  # ScenarioTables has checked it
         return cls(
-            name=tables.scenario.name,
-            about=tables.scenario.about,
+            **msgspec.structs.asdict(tables.scenario),
+            **{name: getattr(tables, name) for name in (*ALIKE, "traffic", "network")},
             floor=floor,
             robots=tables.robot_count,
             roster=tables.robots,
@@ -188,20 +173,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             starts_known=tables.team.starts_known,
             idle=tables.team.idle,
             hardware=tables.robot,
-            network=tables.network,
-            chargers=tables.chargers,
             planning=tables.planning.with_files_of(base),
-            rules=tables.rules,
-            faults=tables.faults,
-            surfaces=tables.surfaces,
-            disturbance=tables.disturbance,
-            tasks=tables.tasks,
-            traffic=tables.traffic,
-            links=tables.links,
-            fidelity=tables.scenario.fidelity,
-            seed=tables.scenario.seed,
-            until_explored=tables.scenario.until_explored,
-            time_limit_s=tables.scenario.time_limit_s,
             toml=toml,
         )
 
@@ -218,6 +190,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = ScenarioTables(
+            **{name: getattr(self, name) for name in ALIKE},
             scenario=ScenarioTable(
                 self.name, self.about, self.seed, self.until_explored, self.time_limit_s, self.fidelity
             ),
@@ -232,17 +205,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             radio=self.network.radio,
             field=self.network.field,
             robot=self.hardware,
-            chargers=self.chargers,
             planning=self.planning,
-            rules=self.rules,
-            faults=self.faults,
-            surfaces=self.surfaces,
-            disturbance=self.disturbance,
-            tasks=self.tasks,
             doors=self.traffic.doors,
             movers=self.traffic.movers,
             people=self.traffic.people,
-            links=self.links,
             robots=self.roster,
         )
         return scenario_document(tables)
@@ -307,18 +273,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "
                     f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
                 )
-        return replace(
-            world,
-            faults=self.faults,
-            surfaces=self.surfaces,
-            disturbance=self.disturbance,
-            starts_known=self.starts_known,
-            idle=self.idle,
-            tasks=self.tasks,
-            traffic=traffic,
-            links=self.links,
-            fidelity=self.fidelity,
-        )
+        return replace(world, traffic=traffic, **{name: getattr(self, name) for name in OF_WORLD})
 
     def _check_points(self) -> None:
         """Raise ScenarioError for features that robots as points cannot have."""

@@ -13,7 +13,7 @@ from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import Checked, convert
-from robrain.protocol.model.ranges import NotNegativeInt, Positive
+from robrain.protocol.model.ranges import Positive
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -37,6 +37,7 @@ MAX_ROBOTS = 1000
 ROBOTS = 4
 """Default of a team, if the file has none."""
 MAX_MOTES = 10000
+MAX_SEED = (1 << 63) - 1
 
 
 class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +47,7 @@ class ScenarioTable(Checked, frozen=True, forbid_unknown_fields=True):
     """Name in results and recordings."""
     about: str = ""
     """Purpose of the scenario, in one sentence; `robrain scenarios` prints it."""
-    seed: NotNegativeInt = 1
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 1
     """Seed of all random numbers."""
     until_explored: Annotated[float, Meta(gt=0, le=1)] = 0.98
     """Share of the reachable floor at which the run ends."""
