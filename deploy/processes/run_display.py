@@ -1,10 +1,9 @@
 """Terminal output of a lockstep run: a progress bar and the summary."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, Progress, ProgressColumn, Task
-from rich.text import Text
+from rich.progress import BarColumn, Progress
 
 from robrain.deploy.command_line.terminal import (
     both_at_a_terminal,
@@ -29,49 +28,34 @@ LEFT_ROWS = 10
 """Regions in the table of unexplored regions."""
 
 
-class _ClockColumn(ProgressColumn):
-    """Simulated time and speed."""
-
-    def render(self, task: Task) -> Text:
-        """Render one cell of the progress line."""
-        sim_time_s = task.fields.get("sim_time_s", 0.0)
-        speed = task.fields.get("speed", 0.0)
-        return Text(f"{clock_of(sim_time_s)} simulated  {speed:5.1f} × real time", style="dim")
-
-
-class RunDisplay:
-    """The progress bar of one run."""
-
-    def __init__(self, progress: Progress, until_explored: float) -> None:
-        self._progress = progress
-        self._bar = progress.add_task("explored", total=until_explored, sim_time_s=0.0, speed=0.0)
-        self._last: RunProgress | None = None
-        self._speed = 0.0
-
-    def show(self, now: RunProgress) -> None:
-        """Draw the progress; the speed is that of about the last second."""
-        if self._last is None:
-            self._last = now
-        elapsed_s = now.wall_time_s - self._last.wall_time_s
-        if elapsed_s > 0.5:
-            self._speed = (now.sim_time_s - self._last.sim_time_s) / elapsed_s
-            self._last = now
-        self._progress.update(self._bar, completed=now.explored_fraction, sim_time_s=now.sim_time_s, speed=self._speed)
-
-
 @contextmanager
-def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[RunDisplay]:
+def run_display(until_explored: float, *, quiet: bool = False) -> Iterator[Callable[[RunProgress], None]]:
     """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
-    columns = (
-        text_column("{task.description}"),
-        BarColumn(bar_width=30),
-        text_column("{task.completed:6.1%}"),
-        _ClockColumn(),
-    )
+    columns = (text_column("{task.description}"), BarColumn(bar_width=30), text_column("{task.completed:6.1%}"))
     with Progress(
-        *columns, console=console, disable=quiet or not console.is_terminal, redirect_stdout=both_at_a_terminal()
-    ) as progress:
-        yield RunDisplay(progress, until_explored)
+        *columns,
+        text_column("{task.fields[clock]}", "dim"),
+        console=console,
+        disable=quiet or not console.is_terminal,
+        redirect_stdout=both_at_a_terminal(),
+    ) as bars:
+        bar = bars.add_task("explored", total=until_explored, clock="")
+        last: RunProgress | None = None
+        speed = 0.0
+
+        def show(now: RunProgress) -> None:
+            """Draw the progress; the speed is that of about the last second."""
+            nonlocal last, speed
+            if last is None:
+                last = now
+            elapsed_s = now.wall_time_s - last.wall_time_s
+            if elapsed_s > 0.5:
+                speed = (now.sim_time_s - last.sim_time_s) / elapsed_s
+                last = now
+            clock = f"{clock_of(now.sim_time_s)} simulated  {speed:5.1f} × real time"
+            bars.update(bar, completed=now.explored_fraction, clock=clock)
+
+        yield show
 
 
 def show_result(result: RunResult) -> None:

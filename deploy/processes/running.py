@@ -263,10 +263,10 @@ def run_scenario(scenario: Scenario, options: RunOptions, children: Children, wa
     with Preparing(watched, quiet=options.quiet) as preparing:
         if not options.quiet:
             print_progress(f"{scenario.name}: {scenario.robots} robots, {scenario.motes} motes, seed {scenario.seed}")
-        with run_display(target, quiet=options.quiet) as display:
+        with run_display(target, quiet=options.quiet) as draw:
 
             def show(progress: RunProgress) -> None:
-                display.show(progress)
+                draw(progress)
                 preparing.step()
 
             result = scenario.run(

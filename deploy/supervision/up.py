@@ -4,12 +4,12 @@ import os
 import shlex
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
 import msgspec
@@ -162,16 +162,6 @@ class UpPlan(NamedTuple):
     def own_journal(self) -> Path | None:
         """Journal of this machine's coordinator; None if none runs here, or its tasks end with the team."""
         return self.journal if {COORDINATOR, STAND_BY} & set(self.parts) else None
-
-
-class UpDisplay(Protocol):
-    """Shows a team while it starts and runs."""
-
-    def event(self, event: UpEvent) -> None:
-        """Handle an event; a result is the last event."""
-
-    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
-        """Show the status of the team and of the processes of this machine; ten times a second."""
 
 
 class _Recorded(msgspec.Struct):
@@ -333,7 +323,7 @@ def parts_of(plan: UpPlan, site: Site) -> list[Part]:
     return parts
 
 
-def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: UpDisplay) -> UpResult:
+def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: "UpDisplay") -> UpResult:
     """Start a team, or its parts on this machine, watch it, and stop it.
 
     Args:
@@ -484,33 +474,30 @@ def _result(
     )
 
 
-class JsonEvents:
-    """One event per line on stdout, as it occurs; the last is the result."""
+class UpDisplay:
+    """Shows a team while it starts and runs, in one of three ways.
 
-    def event(self, event: UpEvent) -> None:
-        """Print it."""
-        print_json(event)
-
-    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
-        """Do nothing: each change is an event."""
-
-
-class PlainLines:
-    """Endpoints on stdout; a line on stderr for each team member that joins or leaves.
+    As lines of JSON, one for each event as it occurs. At a terminal, as endpoints and a live table below them.
+    Elsewhere, as endpoints on stdout, and a line on stderr for each team member that joins or leaves.
 
     Args:
         team: name of the team.
-        print_text: prints endpoints.
+        live: draws the table; None at no terminal.
+        as_json: print events only.
 
     """
 
-    def __init__(self, team: str, print_text: Callable[[str], None] = print_line) -> None:
-        self._team = team
+    def __init__(self, team: str, live: Live | None, *, as_json: bool) -> None:
+        self._team, self._live, self._as_json = team, live, as_json
         self._before: dict[str, str] = {}
-        self._print = print_text
+        # Above the table rich would break long lines, which then could not be copied.
+        self._print = print_progress if live is not None and both_at_a_terminal() else print_line
 
     def event(self, event: UpEvent) -> None:
-        """Print it in words; a start of a part is no news."""
+        """Print an event, of which a result is the last; in words a start of a part is no news."""
+        if self._as_json:
+            print_json(event)
+            return
         match event:
             case HubEvent():
                 self._print_hub(event)
@@ -527,14 +514,17 @@ class PlainLines:
                 print_result_of(event)
 
     def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
-        """Print the changes."""
-        now = {robot.name: robot.words for robot in team.robots()}
-        now["coordinator"] = "up" if team.has_coordinator else "starting"
-        for name, text in now.items():
-            seen = "up" if text not in ("starting", "halted", "gone") and "lost" not in text else text
-            if self._before.get(name) != seen:
-                self._before[name] = seen
-                print_progress(f"{name}: {seen}")
+        """Show the status of the team and of the processes of this machine; ten times a second."""
+        if self._live is not None:
+            self._live.update(self._table(team, supervisor))
+        elif not self._as_json:
+            now = {robot.name: robot.words for robot in team.robots()}
+            now["coordinator"] = "up" if team.has_coordinator else "starting"
+            for name, text in now.items():
+                seen = "up" if text not in ("starting", "halted", "gone") and "lost" not in text else text
+                if self._before.get(name) != seen:
+                    self._before[name] = seen
+                    print_progress(f"{name}: {seen}")
 
     def _print_hub(self, hub: HubEvent) -> None:
         """Print where the hub listens, and how other commands find it."""
@@ -545,25 +535,14 @@ class PlainLines:
         if needed:
             self._print(f"export {' '.join(f'{name}={shlex.quote(value)}' for name, value in needed.items())}")
 
-
-class DrawnTable(PlainLines):
-    """A live table of the team below the endpoints."""
-
-    def __init__(self, team: str, live: Live) -> None:
-        # Above the table rich would break long lines, which then could not be copied.
-        super().__init__(team, print_progress if both_at_a_terminal() else print_line)
-        self._live = live
-
-    def show(self, team: TeamMonitor, supervisor: Supervisor) -> None:
-        """Draw the team's status."""
-        heading = f"{team.explored_fraction:.1%} explored, {clock_of(team.sim_time_s)}; Ctrl-C stops the team"
+    @staticmethod
+    def _table(team: TeamMonitor, supervisor: Supervisor) -> Group:
         words, now_s = {robot.name: robot.words for robot in team.robots()}, time.monotonic()
-        names = [each.part.name for each in supervisor.all]
         parts = [
-            each.status(now_s, team.messages(name), words.get(name, ""))
-            for name, each in zip(names, supervisor.all, strict=True)
+            each.status(now_s, team.messages(each.part.name), words.get(each.part.name, "")) for each in supervisor.all
         ]
-        self._live.update(Group(heading, members_table(parts)))
+        heading = f"{team.explored_fraction:.1%} explored, {clock_of(team.sim_time_s)}; Ctrl-C stops the team"
+        return Group(heading, members_table(parts))
 
 
 def print_result_of(result: UpResult) -> None:
@@ -585,22 +564,12 @@ def print_result_of(result: UpResult) -> None:
     print_recorded(result.recording)
 
 
-@contextmanager
-def up_display(team: str, *, as_json: bool) -> Iterator[UpDisplay]:
-    """Choose the display of `robrain up` for the duration of the block."""
-    if as_json:
-        yield JsonEvents()
-    elif console.is_terminal:
-        with Live(console=console, refresh_per_second=5, redirect_stdout=False) as live:
-            yield DrawnTable(team, live)
-    else:
-        yield PlainLines(team)
-
-
 def up_command(plan: UpPlan, *, as_json: bool) -> UpResult:
     """Start the parts of a plan, show it, and stop it (RobrainError in one sentence)."""
     should_stop = LiveStop()
-    with up_display(plan.team, as_json=as_json) as display:
+    is_drawn = console.is_terminal and not as_json
+    with Live(console=console, refresh_per_second=5, redirect_stdout=False) if is_drawn else nullcontext() as live:
+        display = UpDisplay(plan.team, live, as_json=as_json)
         result = run_up(plan._replace(quiet=as_json), should_stop, display)
     display.event(result)
     return result
