@@ -40,8 +40,6 @@ class RouteStop(NamedTuple):
     """Value of the task, in joules."""
     service_s: float = 0.0
     service_j: float = 0.0
-    earliest_s: float = 0.0
-    """Earliest start; the robot waits."""
     latest_s: float = math.inf
     """Latest end."""
 
@@ -56,9 +54,6 @@ class DriveCost(NamedTuple):
     """Chargers at which a route may end; it takes the one that is cheapest in energy."""
     usable_j: float
     """Energy that it may spend until it is at the charger."""
-    ready_s: float = 0.0
-    wait_w: float = 0.0
-    """Power while it waits for a task's earliest start."""
     counts_end: bool = True
     """Whether the path to the charger is part of a route's cost. The energy for it is kept in any case."""
 
@@ -83,7 +78,7 @@ class RouteScorer:
         """Of the path to the charger, as far as it counts."""
         self._legs_j = [[*row, end_j] for row, end_j in zip(drive.energy_j, self._end_j, strict=True)]
         """Energy between places; the last column is for the path to the charger."""
-        self._is_timed = drive.wait_w > 0 or any(s.earliest_s > 0 or s.latest_s < math.inf for s in stops.values())
+        self._is_timed = any(stop.latest_s < math.inf for stop in stops.values())
         is_even = all(drive.energy_j[a][b] == drive.energy_j[b][a] for a in places for b in places[:a])
         self._is_plain = is_even and not self._is_timed
         """Whether a route's cost is the sum of its legs, in either direction."""
@@ -102,15 +97,11 @@ class RouteScorer:
         drive = self._drive
         if not path:
             return 0.0
-        now_s, place, spent_j = drive.ready_s, drive.start, 0.0
+        now_s, place, spent_j = 0.0, drive.start, 0.0
         for task in path:
             stop = self._stops[task]
             spent_j += drive.energy_j[place][stop.place] + stop.service_j
-            now_s += drive.time_s[place][stop.place]
-            if now_s < stop.earliest_s:
-                spent_j += (stop.earliest_s - now_s) * drive.wait_w
-                now_s = stop.earliest_s
-            now_s += stop.service_s
+            now_s = now_s + drive.time_s[place][stop.place] + stop.service_s
             if now_s > stop.latest_s:
                 return math.inf
             place = stop.place
@@ -189,7 +180,7 @@ class RouteScorer:
         return [self._drive.start, *(self._stops[task].place for task in path)]
 
     def _by_energy(self, places: list[int], stop: RouteStop) -> list[tuple[int, float]]:
-        """Each position with the energy of driving and service that an insertion there takes more, waiting aside."""
+        """Each position with the energy that an insertion there takes more."""
         legs_j, there_j, service_j = self._legs_j, self._legs_j[stop.place], stop.service_j
         found = []
         place = places[0]

@@ -1,1 +1,1 @@
-"""The mote field as a network: energy, routes, coverage, tours and relay places. Pure functions."""
+"""The mote field as a network: energy, routes, coverage and tours. Pure functions."""

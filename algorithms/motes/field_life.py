@@ -27,51 +27,10 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NotNegative, Positive
 
-
-def relay_places(graph: RadioGraph, alive: set[int] | None = None, most: int | None = None) -> list[Point2D]:
-    """Places where relays connect every cut-off part of the field with the sink; as many per gap as it needs.
-
-    The gaps are those of a minimum spanning tree over the parts (Prim). Relays bridge each gap in equal steps on the
-    straight line between the two nearest nodes. This is the heuristic for the fewest Steiner points with bounded edges
-    (Lin and Xue, Information Processing Letters 69(2), 1999). It needs at most four times as many relays as the best
-    solution.
-
-    Args:
-        graph: the radio links between nodes.
-        alive: motes that live; all if None.
-        most: places at the most; parts that would need more stay cut off, the nearest gaps come first.
-
-    """
-    first, *others = graph.parts(alive)
-    joined, places = list(first), list[Point2D]()
-    while others:
-        distance_m, near, far, index = min(
-            (graph.distance_m(one, other), one, other, number)
-            for number, part in enumerate(others)
-            for one in joined
-            for other in part
-        )
-        needed = math.ceil(distance_m / graph.range_m) - 1
-        if most is not None and len(places) + needed > most:
-            break
-        places += _between(graph.places[near], graph.places[far], needed)
-        joined += others.pop(index)
-    return places
-
-
-def _between(one: Point2D, other: Point2D, count: int) -> list[Point2D]:
-    shares = [step / (count + 1) for step in range(1, count + 1)]
-    return [
-        Point2D(one.x_m + share * (other.x_m - one.x_m), one.y_m + share * (other.y_m - one.y_m)) for share in shares
-    ]
-
-
 HOP_S = 1.0
 """Delay of one hop: the receiver listens once in that time; chosen."""
 POINTS_A_SIDE = 25
 """Sample points of the floor along each side, for the coverage."""
-ROUNDING = 1e-9
-"""Relays stand as far apart as the radio reaches."""
 LEAST_GOAL_DAYS = 20.0
 """Beyond its goal the field is run as if the goal were this far away."""
 MAX_DAYS = 3650.0
@@ -136,8 +95,6 @@ class FieldPlan(Checked, frozen=True, kw_only=True):
     """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
     takes_turns: bool = False
     """Whether only as many motes are on duty as the coverage needs, in turn."""
-    relays: Annotated[int, Meta(ge=0, le=1000)] = 0
-    """Number of robots that may stand in the field all the time, to connect parts that do not reach the sink."""
     replan_days: Positive = 10.0
     """Time after which routes and duties are made again; also after each death."""
     robot: RobotFigures = RobotFigures()
@@ -177,8 +134,6 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
     """By the robots, within the horizon."""
     driven_m: float
     """By the robots, within the horizon."""
-    relays: list[Point2D]
-    """Places where robots stand as relays."""
 
     @property
     def first_days(self) -> float:
@@ -224,12 +179,8 @@ class _FieldRun:
 
     def __init__(self, site: MoteSite, plan: FieldPlan, horizon_days: float, until_days: float) -> None:
         self.site, self.plan = site, plan
-        motes_alone = RadioGraph(site.places, site.sink, site.range_m)
-        self.relays = relay_places(motes_alone, most=plan.relays) if plan.relays else []
-        """Where robots stand as relays; nodes of the graph after the motes."""
-        self.graph = RadioGraph([*site.places, *self.relays], site.sink, site.range_m * (1.0 + ROUNDING))
+        self.graph = RadioGraph(site.places, site.sink, site.range_m)
         count = len(site.places)
-        self._robots = range(count, count + len(self.relays))
         step_m = site.size_m / POINTS_A_SIDE
         sides_m = [(index + 0.5) * step_m for index in range(POINTS_A_SIDE)]
         points = [Point2D(x_m, y_m) for x_m in sides_m for y_m in sides_m]
@@ -279,14 +230,13 @@ class _FieldRun:
             left = {mote: max(self.left_j[mote] / site.energy.capacity_j, FLAT_J) for mote in living}
             self._on_duty = set(duty_set(self._cover, left))
         awake = sorted(self._on_duty)
-        forwarding = [*awake, *self._robots]
         rate_hz = 1.0 / site.period_s
         if plan.routing is Routing.NONE:
             self._routes = routes_of(self.graph, [[NO_ROUTE] * self.graph.sink], ())
         elif plan.routing is Routing.TREE:
-            self._routes = routes_of(self.graph, [min_hop_tree(self.graph, forwarding)], awake)
+            self._routes = routes_of(self.graph, [min_hop_tree(self.graph, awake)], awake)
         else:
-            self._routes = lifetime_routes(self.graph, self._left_j_of_all(), forwarding, awake, site.energy, rate_hz)
+            self._routes = lifetime_routes(self.graph, self.left_j, awake, site.energy, rate_hz)
         self._has_route = [hops > 0 for hops in self._routes.hops]
         self._share = self._share_at_once(self._routes, rate_hz) if plan.tours_per_day else 1.0
         self._spend_on_beacons(len(self._routes.trees) if plan.routing is not Routing.NONE else 0, awake)
@@ -299,12 +249,7 @@ class _FieldRun:
             left_j / goal_s - energy.awake_w - rate_hz * energy.reading_j if mote in awake else 0.0
             for mote, left_j in enumerate(self.left_j)
         ]
-        budgets_w += [math.inf] * len(self.relays)
         return share_at_once(routes, awake, budgets_w, energy, rate_hz)
-
-    def _left_j_of_all(self) -> list[float]:
-        """Energy of the motes and of the robots that relay, which charge in turn."""
-        return [*self.left_j, *[math.inf] * len(self.relays)]
 
     def _spend_on_beacons(self, trees: int, awake: list[int]) -> None:
         """Each tree is made from one beacon of every mote on duty, which its neighbours receive."""
@@ -353,7 +298,6 @@ class _FieldRun:
             self._record_ages(mote, step_s, routes.hops[mote])
         if self.now_s < self._horizon_s:
             self._covered_s += step_s * self._cover.share(reported)
-            self._robot_j += step_s * len(self.relays) * self.plan.robot.standing_w
             dead = len(self.site.places) - len(self.alive)
             self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
         self.now_s += step_s
@@ -434,5 +378,4 @@ class _FieldRun:
             left_j=sum(max(0.0, joules) for joules in self.left_j),
             robot_j=self._robot_j,
             driven_m=self._driven_m,
-            relays=self.relays,
         )

@@ -4,7 +4,6 @@ Trees are lists of parents by mote; NO_ROUTE stands for motes that do not reach 
 """
 
 import heapq
-import math
 from collections.abc import Collection, Sequence
 
 import msgspec
@@ -60,25 +59,7 @@ class RadioGraph(LinkGraph):
 
     def distance_m(self, one: int, other: int) -> float:
         """Between two nodes."""
-        a, b = self.places[one], self.places[other]
-        return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-
-    def parts(self, alive: Collection[int] | None = None) -> list[list[int]]:
-        """Connected parts of the living motes and the sink, that of the sink first, the others by their least node."""
-        usable = set(range(self.sink)) if alive is None else set(alive)
-        first = sorted([self.sink, *self.reachable(usable)])
-        left = usable.difference(first)
-        parts = [first]
-        while left:
-            found = {min(left)}
-            waiting = list(found)
-            while waiting:
-                new = [other for other in self.neighbours[waiting.pop()] if other in left and other not in found]
-                found.update(new)
-                waiting += new
-            left -= found
-            parts.append(sorted(found))
-        return parts
+        return self.places[one].distance_m(self.places[other])
 
 
 NO_ROUTE = -1
@@ -140,7 +121,6 @@ def lifetime_routes(
     graph: LinkGraph,
     left_j: Sequence[float],
     alive: Collection[int],
-    sources: Collection[int],
     energy: MoteEnergy,
     rate_hz: float,
     count: int = TREES,
@@ -155,10 +135,9 @@ def lifetime_routes(
     Args:
         graph: the radio links between motes.
         left_j: energy of each mote.
-        alive: motes that send and forward.
-        sources: of these, those that take readings.
+        alive: motes that take readings, send and forward.
         energy: of the motes.
-        rate_hz: readings a second of each source.
+        rate_hz: readings a second of each mote.
         count: number of trees.
 
     """
@@ -167,7 +146,7 @@ def lifetime_routes(
     for _ in range(count):
         tree = cheapest_tree(graph, prices, alive, energy)
         trees.append(tree)
-        used = routes_of(graph, [tree], sources)
+        used = routes_of(graph, [tree], alive)
         drain = {
             mote: (
                 energy.awake_w + rate_hz * (used.sent[mote] * energy.send_j + used.received[mote] * energy.receive_j)
@@ -180,7 +159,7 @@ def lifetime_routes(
             prices[mote] *= 1.0 + STEP * share / worst
         highest = max(prices)
         prices = [price / highest for price in prices]
-    return routes_of(graph, trees, sources)
+    return routes_of(graph, trees, alive)
 
 
 def cheapest_tree(graph: LinkGraph, prices: Sequence[float], alive: Collection[int], energy: MoteEnergy) -> Tree:

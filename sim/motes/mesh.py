@@ -478,7 +478,7 @@ class MoteMesh:
                 [*self._linked(good_dbm, cut_off), [index for index in near if index in well or index in cut_off]]
             )
         left_j = [mote.battery.left_share * self._energy.capacity_j for mote in self._motes]
-        return lifetime_routes(graph, left_j, alive, alive, self._energy, self._rate_hz, TREES).trees
+        return lifetime_routes(graph, left_j, alive, self._energy, self._rate_hz, TREES).trees
 
     def _linked(self, good_dbm: float, content: set[int]) -> list[list[int]]:
         """Neighbours of each mote by good links; by any link for, and between, motes that accept weaker ones."""

@@ -54,12 +54,12 @@ class NegotiationTrace(NamedTuple):
 def scorer_of(problem: Problem, worker: Worker) -> RouteScorer:
     """What one robot knows of a problem."""
     stops = {
-        job.id: RouteStop(job.place, job.prize_j, job.service_s, job.service_j, job.earliest_s, job.latest_s)
+        job.id: RouteStop(job.place, job.prize_j, job.service_s, job.service_j, job.latest_s)
         for job in problem.jobs
         if job.admits(worker)
     }
     energy_j, time_s = (matrix[worker.profile].tolist() for matrix in (problem.energy_j, problem.time_s))
-    drive = DriveCost(energy_j, time_s, worker.start, worker.ends, worker.usable_j, worker.ready_s, worker.wait_w)
+    drive = DriveCost(energy_j, time_s, worker.start, worker.ends, worker.usable_j)
     return RouteScorer(drive, stops)
 
 

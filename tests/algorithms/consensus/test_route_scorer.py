@@ -64,17 +64,5 @@ def test_a_task_that_would_be_late_cannot_be_inserted() -> None:
     assert scorer.insertion([], "t0") is None
 
 
-def test_waiting_for_the_earliest_start_costs_energy() -> None:
-    costs = [[0.0, 3.0], [3.0, 0.0]]
-    early, late = (
-        RouteScorer(
-            DriveCost(costs, costs, 1, (1,), 100.0, wait_w=2.0), {"t": RouteStop(0, 50.0, earliest_s=earliest_s)}
-        )
-        for earliest_s in (0.0, 10.0)
-    )
-    assert early.cost_j(["t"]) == 6.0
-    assert late.cost_j(["t"]) == 6.0 + 7.0 * 2.0
-
-
 def test_a_task_that_the_robot_is_not_able_to_do_has_no_score() -> None:
     assert route_scorer(1, 2).insertion([], "elsewhere") is None

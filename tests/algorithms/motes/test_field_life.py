@@ -79,24 +79,6 @@ def test_cut_off_mote_s_readings_arrive_by_robot_alone() -> None:
     assert life.driven_m == pytest.approx(100.0 * 2 * 365, rel=0.01)
 
 
-def test_robots_that_relay_connect_a_cut_off_part_for_what_standing_takes() -> None:
-    places = (Point2D(15.0, 0.0), Point2D(55.0, 0.0), Point2D(58.0, 0.0))
-    where = MoteSite(places=places, sink=ORIGIN, size_m=60.0)
-    alone, relayed = live(where), live(where, relays=1)
-    assert relayed.relays == [Point2D(35.0, 0.0)]
-    assert alone.delivery_ratio < 0.34
-    assert relayed.delivery_ratio > 0.99
-    assert relayed.age_h < 4.0 / 3600.0
-    assert relayed.robot_j == pytest.approx(8.0 * 365 * DAY_S, rel=0.01)
-    assert relayed.spent_j + relayed.left_j == pytest.approx(3 * ENERGY.capacity_j)
-
-
-def test_part_that_needs_more_relays_than_there_are_stays_cut_off() -> None:
-    where = MoteSite(places=(Point2D(15.0, 0.0), Point2D(95.0, 0.0)), sink=ORIGIN, size_m=100.0)
-    assert live(where, relays=2).relays == []
-    assert len(live(where, relays=3).relays) == 3
-
-
 def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
     where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
     robot = RobotFigures(speed_m_s=1.0, standing_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)

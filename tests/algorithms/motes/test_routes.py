@@ -33,8 +33,7 @@ def first_death_days(graph: RadioGraph, routes: MoteRoutes) -> float:
 
 
 def best_routes(graph: RadioGraph, left_j: list[float] | None = None) -> MoteRoutes:
-    everybody = range(graph.sink)
-    return lifetime_routes(graph, left_j or [ENERGY.capacity_j] * graph.sink, everybody, everybody, ENERGY, RATE_HZ)
+    return lifetime_routes(graph, left_j or [ENERGY.capacity_j] * graph.sink, range(graph.sink), ENERGY, RATE_HZ)
 
 
 @given(seed=SEEDS)
