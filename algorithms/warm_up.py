@@ -116,7 +116,7 @@ def _obstacles() -> None:
 def _frontiers() -> None:
     walls = _walls()
     classes = OccupancyGrid(GEOMETRY).classes()
-    find_frontiers(classes, ~walls)
+    find_frontiers(classes)
     measure_map_accuracy(classes, GEOMETRY, walls, GEOMETRY)
 
 

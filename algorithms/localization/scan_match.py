@@ -25,6 +25,8 @@ DEGENERATE = 0.08
 """A direction with less than this share of the information that each beam could give is not believed; chosen."""
 BEAMS_MIN = 20
 SEARCH_STEP_RAD = 0.035
+FIT_MIN = 0.7
+"""Least score of a beam, as a mean, of a search's answer."""
 AMBIGUOUS = 0.75
 """A second place that fits this well, compared with the best, makes a search's answer worthless."""
 APART_M, APART_RAD = 0.5, 0.25
@@ -399,7 +401,6 @@ def search_scan(
     *,
     within_m: float,
     within_rad: float,
-    fit_min: float = 0.7,
 ) -> Pose2D | None:
     """Search for the scan's place around a guess; None if nothing fits well, or more than one place does.
 
@@ -417,7 +418,7 @@ def search_scan(
         turns,
         math.ceil(APART_M / geometry.resolution_m),
     )
-    if best < fit_min * len(points) or second > AMBIGUOUS * best:
+    if best < FIT_MIN * len(points) or second > AMBIGUOUS * best:
         return None
     return Pose2D(
         guess.x_m + column * geometry.resolution_m,

@@ -33,7 +33,8 @@ POINTS_A_SIDE = 25
 """Sample points of the floor along each side, for the coverage."""
 LEAST_GOAL_DAYS = 20.0
 """Beyond its goal the field is run as if the goal were this far away."""
-MAX_DAYS = 3650.0
+MAX_S = 3650.0 * DAY_S
+"""A run ends at the latest then."""
 FLAT_J = 1e-6
 """A mote with no more than this remaining is dead."""
 
@@ -157,27 +158,25 @@ class FieldLife(msgspec.Struct, frozen=True, kw_only=True):
 
 
 HORIZON_DAYS = 365.0
+"""Time over which delivery, coverage and the robots' work are counted."""
+HORIZON_S = HORIZON_DAYS * DAY_S
 
 
-def field_life(
-    site: MoteSite, plan: FieldPlan, horizon_days: float = HORIZON_DAYS, until_days: float = MAX_DAYS
-) -> FieldLife:
+def field_life(site: MoteSite, plan: FieldPlan) -> FieldLife:
     """The life of a field.
 
     Args:
         site: places and properties of the motes.
         plan: how the field is run.
-        horizon_days: time over which delivery, coverage and the robots' work are counted.
-        until_days: when the run ends at the latest.
 
     """
-    return _FieldRun(site, plan, horizon_days, until_days).run()
+    return _FieldRun(site, plan).run()
 
 
 class _FieldRun:
     """State of a field; arguments are those of `field_life`."""
 
-    def __init__(self, site: MoteSite, plan: FieldPlan, horizon_days: float, until_days: float) -> None:
+    def __init__(self, site: MoteSite, plan: FieldPlan) -> None:
         self.site, self.plan = site, plan
         self.graph = RadioGraph(site.places, site.sink, site.range_m)
         count = len(site.places)
@@ -185,7 +184,6 @@ class _FieldRun:
         sides_m = [(index + 0.5) * step_m for index in range(POINTS_A_SIDE)]
         points = [Point2D(x_m, y_m) for x_m in sides_m for y_m in sides_m]
         self._cover = CoverageMap(site.places, points, site.sensing_m)
-        self._horizon_s, self._until_s = horizon_days * DAY_S, until_days * DAY_S
         self.left_j = [site.energy.capacity_j] * count
         self.stored = [0.0] * count
         self.alive = set(range(count))
@@ -206,13 +204,13 @@ class _FieldRun:
 
     def run(self) -> FieldLife:
         """Live until all motes are dead, or the time is over."""
-        while self.alive and self.now_s < self._until_s:
+        while self.alive and self.now_s < MAX_S:
             if self.now_s >= self._next_plan_s:
                 self._make_plan()
             powers_w = {mote: self._power_w(mote) for mote in sorted(self.alive)}
             dies_s = min(self.left_j[mote] / power_w for mote, power_w in powers_w.items())
-            ends_s = [self._next_plan_s, self._next_tour_s, self._until_s]
-            ends_s += [self._horizon_s] if self.now_s < self._horizon_s else []
+            ends_s = [self._next_plan_s, self._next_tour_s, MAX_S]
+            ends_s += [HORIZON_S] if self.now_s < HORIZON_S else []
             self._pass(max(0.0, min(dies_s, min(ends_s) - self.now_s)), powers_w)
             if self.now_s >= self._next_tour_s:
                 self._tour()
@@ -296,7 +294,7 @@ class _FieldRun:
             if self._has_route[mote] or self.plan.tours_per_day:
                 reported.add(mote)
             self._record_ages(mote, step_s, routes.hops[mote])
-        if self.now_s < self._horizon_s:
+        if self.now_s < HORIZON_S:
             self._covered_s += step_s * self._cover.share(reported)
             dead = len(self.site.places) - len(self.alive)
             self._due += (len(self._on_duty) + dead) * step_s / self.site.period_s
@@ -304,7 +302,7 @@ class _FieldRun:
 
     def _record_ages(self, mote: int, step_s: float, hops: float) -> None:
         """Count the age of the newest reading that is known of a mote, over a step."""
-        if self.now_s >= self._horizon_s:
+        if self.now_s >= HORIZON_S:
             return
         tour_s = DAY_S / self.plan.tours_per_day if self.plan.tours_per_day else math.inf
         by_air_s = self.site.period_s / self._share if self._has_route[mote] and self._share > 0 else math.inf
@@ -320,7 +318,7 @@ class _FieldRun:
     def _deliver(self, readings: float, age_s: float) -> None:
         self._delivered += readings
         self._age_sum_s += readings * age_s
-        if self.now_s < self._horizon_s:
+        if self.now_s < HORIZON_S:
             self._early += readings
 
     def _tour(self) -> None:
@@ -337,7 +335,7 @@ class _FieldRun:
             self.stored[mote] -= handed
             self._deliver(handed, 0.5 * tour_s + 0.5 * path_m / robot.speed_m_s)
             readings += handed
-        if self.now_s <= self._horizon_s:
+        if self.now_s <= HORIZON_S:
             duration_s = path_m / robot.speed_m_s + readings / robot.readings_per_s
             self._robot_j += robot.standing_w * duration_s + robot.driving_j_per_m * path_m
             self._driven_m += path_m
@@ -362,7 +360,6 @@ class _FieldRun:
                 self._next_plan_s = self.now_s
 
     def _life(self) -> FieldLife:
-        in_horizon = min(self._horizon_s, self._until_s)
         return FieldLife(
             deaths_days=[death_s / DAY_S for death_s in self._deaths_s],
             collected=self._collected,
@@ -371,7 +368,7 @@ class _FieldRun:
             stored=sum(self.stored),
             due=self._due,
             delivered_in_horizon=self._early,
-            coverage=self._covered_s / in_horizon,
+            coverage=self._covered_s / HORIZON_S,
             age_h=self._age_sum_s / max(self._delivered, 1e-9) / 3600.0,
             news_age_h=self._news_sum_s / max(self._watched_s, 1e-9) / 3600.0,
             spent_j=self._spent_j,

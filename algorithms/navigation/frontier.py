@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robrain.algorithms.numeric.kernel_array import BOOL, kernel_array
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 
+SPLIT_CELLS = 30
 MIN_CELLS = 4
 """Fewer frontier cells that touch are none: a gap between two beams, or the slit between two boards."""
 
@@ -26,20 +27,14 @@ class Frontier(msgspec.Struct, frozen=True):
     cells: int
 
 
-def find_frontiers(
-    classes: NDArray[np.int8],
-    reachable: NDArray[np.bool_] | None = None,
-    min_cells: int = MIN_CELLS,
-    split_cells: int = 30,
-) -> list[Frontier]:
+def find_frontiers(classes: NDArray[np.int8], min_cells: int = MIN_CELLS) -> list[Frontier]:
     """The frontiers of a map, largest first, then by row and column.
 
-    A frontier cell is FREE and has an UNKNOWN cell above, below, left or right of it. With `reachable` (H, W) it must
-    also be reachable. Cells that touch, corners included, form a group. Groups of fewer than `min_cells` are dropped;
-    those longer than `split_cells` are cut across their principal axis until no piece is. `classes` (H, W) as of
-    `OccupancyGrid.classes`.
+    A frontier cell is FREE and has an UNKNOWN cell above, below, left or right of it. Cells that touch, corners
+    included, form a group. Groups of fewer than `min_cells` are dropped; those longer than `SPLIT_CELLS` are cut across
+    their principal axis until no piece is. `classes` (H, W) as of `OccupancyGrid.classes`.
     """
-    labels, groups = touching(frontier_mask(classes, reachable), corners=True)
+    labels, groups = touching(frontier_mask(classes), corners=True)
     if groups == 0:
         return []
     members = np.argwhere(labels > 0)
@@ -50,7 +45,7 @@ def find_frontiers(
         _frontier_of(piece)
         for group in np.split(members[order], borders)
         if group.shape[0] >= min_cells
-        for piece in _split(group, split_cells)
+        for piece in _split(group)
     ]
     return sorted(frontiers, key=lambda frontier: (-frontier.cells, frontier.row, frontier.column))
 
@@ -114,7 +109,7 @@ def _touching(cells: NDArray[np.bool_], corners: bool) -> tuple[NDArray[np.int32
     return labels, groups
 
 
-def frontier_mask(classes: NDArray[np.int8], reachable: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+def frontier_mask(classes: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Which cells are frontier cells, (H, W); beyond the grid nothing is unknown."""
     unknown: NDArray[np.bool_] = classes == UNKNOWN
     beside = np.zeros_like(unknown)
@@ -123,15 +118,13 @@ def frontier_mask(classes: NDArray[np.int8], reachable: NDArray[np.bool_] | None
     beside[:, 1:] |= unknown[:, :-1]
     beside[:, :-1] |= unknown[:, 1:]
     beside &= classes == FREE
-    if reachable is not None:
-        beside &= reachable
     return beside
 
 
-def _split(cells: NDArray[np.int64], split_cells: int) -> list[NDArray[np.int64]]:
-    """Pieces (n, 2) whose extent along their principal axis is below `split_cells`."""
+def _split(cells: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Pieces (n, 2) whose extent along their principal axis is below `SPLIT_CELLS`."""
     spans = np.ptp(cells, axis=0)
-    if math.hypot(spans[0], spans[1]) < split_cells:
+    if math.hypot(spans[0], spans[1]) < SPLIT_CELLS:
         return [cells]
     rows, columns = (cells - cells.mean(axis=0)).T
     # Direction of largest variance of a 2 × 2 covariance, in closed form.
@@ -139,15 +132,12 @@ def _split(cells: NDArray[np.int64], split_cells: int) -> list[NDArray[np.int64]
     along = columns * math.cos(axis_rad) + rows * math.sin(axis_rad)
     along -= along.min()
     extent = float(along.max())
-    if extent < split_cells:
+    if extent < SPLIT_CELLS:
         return [cells]
-    pieces = math.floor(extent / split_cells) + 1
+    pieces = math.floor(extent / SPLIT_CELLS) + 1
     piece_of = np.minimum((along * (pieces / extent)).astype(np.int64), pieces - 1)
     return [
-        part
-        for piece in range(pieces)
-        if (chosen := cells[piece_of == piece]).shape[0] > 0
-        for part in _split(chosen, split_cells)
+        part for piece in range(pieces) if (chosen := cells[piece_of == piece]).shape[0] > 0 for part in _split(chosen)
     ]
 
 

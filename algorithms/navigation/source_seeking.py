@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 from robrain.protocol.model.geometry import Point2D
 
+FADE_S = 120.0
+"""Readings so old count half of those of now."""
 SAMPLES_MAX = 400
 """The robot's oldest readings beyond these are forgotten."""
 MOTES_MAX = 200
@@ -64,15 +66,9 @@ class FieldFit(NamedTuple):
 
 
 class FieldSamples:
-    """Readings around a robot.
+    """Readings around a robot."""
 
-    Args:
-        fade_s: readings so old count half of those of now.
-
-    """
-
-    def __init__(self, fade_s: float = 120.0) -> None:
-        self._fade_s = fade_s
+    def __init__(self) -> None:
         self._samples: deque[FieldSample] = deque(maxlen=SAMPLES_MAX)
         self._of_motes: dict[str, FieldSample] = {}
 
@@ -119,7 +115,7 @@ class FieldSamples:
             x, y = (sample.place.x_m - at.x_m) / width_m, (sample.place.y_m - at.y_m) / width_m
             square = x * x + y * y
             age_s = max(0.0, now_s - sample.time_s)
-            weight = 1.0 / ((1.0 + square) * (1.0 + square) * (1.0 + age_s / self._fade_s))
+            weight = 1.0 / ((1.0 + square) * (1.0 + square) * (1.0 + age_s / FADE_S))
             terms = (1.0, x, y, square)
             rows.append((terms, weight, sample.value - base))
             for i in range(TERMS):
