@@ -10,7 +10,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
-from robrain.protocol.answers.collector import CalmCollector
+from robrain.protocol.gc_pause import GcPause
 from robrain.protocol.wire.endpoint import Endpoint
 
 PERIOD_S = 0.02
@@ -47,7 +47,7 @@ def run_coordinator(
         coordinator.step()
         on_ready()
         coordinator.planning.prepare()
-        collector = CalmCollector()
+        collector = GcPause()
         loading.start()
         is_loading = True
         while not should_stop() and not coordinator.end_reason:

@@ -29,7 +29,7 @@ class Thinning:
     def __init__(self, bytes_per_s: float, clock: Clock) -> None:
         if not bytes_per_s > 0:
             raise ValueError(f"expected bytes_per_s > 0, got {bytes_per_s:g}")
-        self.left_out: dict[str, int] = {}
+        self.skipped: dict[str, int] = {}
         """Messages that were dropped, by topic."""
         self._bytes_per_s = bytes_per_s
         self._burst = bytes_per_s * BURST_S
@@ -42,7 +42,7 @@ class Thinning:
     @property
     def total(self) -> int:
         """Messages that were dropped."""
-        return sum(self.left_out.values())
+        return sum(self.skipped.values())
 
     def admits(self, topic: Topic[Any], key: str, size: int) -> bool:
         """Whether to send a message of this many bytes now; a message that is not sent is counted."""
@@ -52,7 +52,7 @@ class Thinning:
             self._asked_ns = now_ns
             self._room = min(self._room + passed_s * self._bytes_per_s, self._burst)
             if self._room < size and self._may_wait(topic, key, now_ns):
-                self.left_out[topic.name] = self.left_out.get(topic.name, 0) + 1
+                self.skipped[topic.name] = self.skipped.get(topic.name, 0) + 1
                 return False
             self._room = max(self._room - size, -self._burst)
             if is_thinned(topic):

@@ -22,8 +22,8 @@ from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
-from robrain.protocol.answers.collector import CalmCollector
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.gc_pause import GcPause
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import COORDINATOR, EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
@@ -143,7 +143,7 @@ class LockstepRun:
 
     def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
         world = self.world
-        collector = CalmCollector()
+        collector = GcPause()
         self._closers.append(collector.release)
         self._watcher = self._endpoint(team)
         manifests = manifest_texts(world, team) if record is not None else {}

@@ -47,7 +47,7 @@ def test_what_repeats_itself_is_left_out_and_everything_else_is_sent():
 def test_link_that_is_wide_enough_leaves_nothing_out(clock):
     thinning = Thinning(10 * STATE_BYTES, clock)
     assert len(run(thinning, clock, 10.0)) == 100
-    assert (thinning.total, thinning.left_out) == (0, {})
+    assert (thinning.total, thinning.skipped) == (0, {})
 
 
 def test_link_that_is_too_thin_halves_the_rate_and_keeps_the_deadline(clock):
@@ -56,7 +56,7 @@ def test_link_that_is_too_thin_halves_the_rate_and_keeps_the_deadline(clock):
     assert ROBOT_STATE.deadline_s is not None
     assert max(later - sooner for sooner, later in itertools.pairwise(sent_s)) < ROBOT_STATE.deadline_s
     assert 98 <= len(sent_s) <= 105
-    assert thinning.left_out == {"robot_state": 200 - len(sent_s)}
+    assert thinning.skipped == {"robot_state": 200 - len(sent_s)}
 
 
 def test_what_must_be_sent_uses_the_link_up_before_telemetry(clock):

@@ -9,7 +9,7 @@ YOUNG_OBJECTS = 20_000
 """This number of new container objects starts a collection; Python's own 700 are a tick of a few robots."""
 
 
-class CalmCollector:
+class GcPause:
     """While at least one is held, the collector skips the existing objects, and scans new ones less often.
 
     A run makes next to no cycles: released objects are freed immediately, without the collector.
@@ -20,10 +20,10 @@ class CalmCollector:
 
     def __init__(self) -> None:
         self._is_held = True
-        if not CalmCollector._held:
-            CalmCollector._usual = gc.get_threshold()
-            gc.set_threshold(YOUNG_OBJECTS, *CalmCollector._usual[1:])
-        CalmCollector._held += 1
+        if not GcPause._held:
+            GcPause._usual = gc.get_threshold()
+            gc.set_threshold(YOUNG_OBJECTS, *GcPause._usual[1:])
+        GcPause._held += 1
         gc.collect(1)  # young objects; all objects of a large process would take a second
         gc.freeze()
 
@@ -36,7 +36,7 @@ class CalmCollector:
         if not self._is_held:
             return
         self._is_held = False
-        CalmCollector._held -= 1
-        if not CalmCollector._held:
-            gc.set_threshold(*CalmCollector._usual)
+        GcPause._held -= 1
+        if not GcPause._held:
+            gc.set_threshold(*GcPause._usual)
             gc.unfreeze()

@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from robrain.protocol.answers.collector import YOUNG_OBJECTS, CalmCollector
+from robrain.protocol.gc_pause import YOUNG_OBJECTS, GcPause
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -24,7 +24,7 @@ class Ring:
 
 @pytest.mark.slow
 def test_while_it_is_held_the_collector_looks_less_often_and_leaves_alone_what_was_there(usual):
-    calm = CalmCollector()
+    calm = GcPause()
     assert gc.get_threshold() == (YOUNG_OBJECTS, *usual[1:])
     assert gc.get_freeze_count() > 0
     calm.release()
@@ -33,7 +33,7 @@ def test_while_it_is_held_the_collector_looks_less_often_and_leaves_alone_what_w
 
 @pytest.mark.slow
 def test_the_last_of_several_lets_the_collector_go(usual):
-    first, second = CalmCollector(), CalmCollector()
+    first, second = GcPause(), GcPause()
     first.release()
     first.release()
     assert gc.get_threshold() != usual
@@ -44,13 +44,13 @@ def test_the_last_of_several_lets_the_collector_go(usual):
 @pytest.mark.slow
 def test_cycles_that_a_run_leaves_are_collected_during_it_and_after_it():
     before = weakref.ref(Ring())
-    calm = CalmCollector()
+    calm = GcPause()
     assert before() is None
     during = weakref.ref(Ring())
     gc.collect()
     assert during() is None
     kept = Ring()
-    old, calm_again = weakref.ref(kept), CalmCollector()
+    old, calm_again = weakref.ref(kept), GcPause()
     del kept
     gc.collect()
     assert old() is not None  # it was there before
