@@ -10,12 +10,12 @@ import inspect
 import logging
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
-from typing import Any, Protocol, TypeVar, cast, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
 
 import msgspec
 
 from robrain.agent.errors import AccessDenied, PluginInactive, PluginMissing, PluginUnloaded
-from robrain.agent.event import Event
+from robrain.agent.isolation.contract import Contract
 from robrain.agent.manifest import ANYBODY, COMMAND
 from robrain.agent.plugin import Level
 from robrain.agent.text_form import parse_argument, print_value
@@ -173,12 +173,15 @@ class ForeignPlugins:
             )
         if not _may_use(caller, info):
             raise AccessDenied(name, f"{caller} is not in the visibility of {name}")
-        functions = _functions(interface)
-        missing = sorted(set(functions) - {function.name for function in info.functions})
-        if missing or _has_events(interface):
+        contract = Contract(interface)
+        missing = sorted(contract.functions.keys() - {function.name for function in info.functions})
+        if missing or contract.events:
             what = ", ".join(missing) or "events"
             raise AccessDenied(name, f"{name} offers no {what}, which {interface.__name__} wants")
-        calls = {each: _over_the_wire(self, caller, name, each, declared) for each, declared in functions.items()}
+        calls = {
+            function: _over_the_wire(self, caller, name, function, getattr(interface, function))
+            for function in contract.functions
+        }
         return cast(InterfaceT, SimpleNamespace(**calls))
 
     def _read(self, name: str, info: PluginInfo) -> PluginInfo | None:
@@ -235,19 +238,3 @@ def _value_of(text: str, schema: dict[str, Any]) -> Any:
 
 def _may_use(caller: str, info: PluginInfo) -> bool:
     return caller in info.visibility or (ANYBODY in info.visibility and caller != COMMAND)
-
-
-def _functions(interface: type) -> dict[str, Callable[..., Any]]:
-    return {
-        name: value
-        for base in reversed(interface.__mro__)
-        if base not in (object, Protocol)
-        for name, value in vars(base).items()
-        if inspect.isfunction(value) and not name.startswith("_")
-    }
-
-
-def _has_events(interface: type) -> bool:
-    return any(
-        hint is Event or getattr(hint, "__origin__", None) is Event for hint in get_type_hints(interface).values()
-    )
