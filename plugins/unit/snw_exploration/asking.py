@@ -125,16 +125,10 @@ class OverHops:
             route.append(known[0])
 
     def _want_duty(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
-        wanted_ds = record.wanted_period_ds
-        if wanted_ds is None:
-            return
-        if reading.period_ds == wanted_ds:
-            record.wanted_period_ds = None
+        self.given_up += record.forget_duty(reading.period_ds, DUTY_TRIES)
+        if record.wanted_period_ds is None:
             self._waiting.pop((record.number, DUTY_TYPE), None)
-        elif record.duty_tries >= DUTY_TRIES:
-            record.wanted_period_ds = None
-            self.given_up += 1
-        elif self._want(record.number, DUTY_TYPE, DutyPayload(wanted_ds).pack(), now_ns):
+        elif self._want(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack(), now_ns):
             record.duty_tries += 1
 
     def _want_missing(self, record: MoteRecord, now_ns: int) -> None:

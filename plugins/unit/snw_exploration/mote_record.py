@@ -260,6 +260,14 @@ class MoteRecord:
         self.wanted_period_ds, self.wanted_stamp_ns, self.duty_tries = period_ds, stamp_ns, 0
         return True
 
+    def forget_duty(self, period_ds: int, tries_max: int) -> bool:
+        """Forget a requested duty that the mote has, or that was sent this often; returns whether it was given up."""
+        has_it = period_ds == self.wanted_period_ds
+        is_given_up = not has_it and self.wanted_period_ds is not None and self.duty_tries >= tries_max
+        if has_it or is_given_up:
+            self.wanted_period_ds = None
+        return is_given_up
+
     def as_received(self) -> ReceivedMote | None:
         """Entry of the table; None if this robot has never received it."""
         if self.latest is None or self.latest_live is None:

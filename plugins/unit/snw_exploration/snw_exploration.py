@@ -293,17 +293,10 @@ class SNwExploration(Unit):
         record = self._record(reading.mote)
         if record is None:
             return
-        self._receive_team()  # another robot may have put it on the wire a moment ago
         record.record_packet(reading, packet.stamp_ns, self._place())
-        is_new = record.window.add(reading.sequence, is_live=message.type == READING_TYPE)
+        self._add(record, reading, packet.stamp_ns, is_live=message.type == READING_TYPE)
         if message.type == READING_TYPE:  # a stored reading reports an earlier state
             record.window.mote_holds_from(reading.oldest)
-        if is_new:
-            record.readings += 1
-            self._counts.readings += 1
-            self._publish_reading(record, wire_reading(reading, self.env.robot, packet.stamp_ns))
-        else:
-            self._counts.repeated += 1
         self.measured.notify(
             RssiMeasurement(
                 mote=record.name, place=place_of(reading), rssi_dbm=reading.rssi_dbm, stamp_ns=packet.stamp_ns
@@ -311,7 +304,7 @@ class SNwExploration(Unit):
         )
         if message.type == STORED_TYPE:
             record.record_answer(reading.sequence)
-        self._answer(record, packet.stamp_ns)
+        self._answer(record, reading, packet.stamp_ns)
         self._over_hops.record(record.number, packet.stamp_ns)
 
     def _handle_forwarded(self, payload: bytes, stamp_ns: int) -> None:
@@ -324,24 +317,34 @@ class SNwExploration(Unit):
         record = self._record(forwarded.reading.mote)
         if record is None:
             return
-        self._receive_team()
-        if record.window.add(forwarded.reading.sequence, is_live=False):
-            record.readings += 1
-            self._counts.readings += 1
-            self._publish_reading(record, wire_reading(forwarded.reading, self.env.robot, stamp_ns, forwarded))
-        else:
-            self._counts.repeated += 1
+        self._add(record, forwarded.reading, stamp_ns, is_live=False, route=forwarded)
         is_in_reach = record.latest is not None and stamp_ns - record.stamp_ns <= IN_REACH_NS
         if self.parameters.collect and not is_in_reach:
             self._over_hops.received_forwarded(record, forwarded.reading, forwarded.forwarder, stamp_ns)
 
-    def _publish_reading(self, record: MoteRecord, reading: MoteReading) -> None:
+    def _add(
+        self,
+        record: MoteRecord,
+        reading: ReadingPayload,
+        stamp_ns: int,
+        *,
+        is_live: bool,
+        route: ForwardedPayload | None = None,
+    ) -> None:
+        """Publish a reading, unless it has arrived before."""
+        self._receive_team()  # another robot may have put it on the wire a moment ago
+        if not record.window.add(reading.sequence, is_live=is_live):
+            self._counts.repeated += 1
+            return
+        record.readings += 1
+        self._counts.readings += 1
         if record.publisher is None:
             record.publisher = self.env.wire.publisher(MOTE_READING, mote=record.name)
+        message = wire_reading(reading, self.env.robot, stamp_ns, route)
         if self._store is None:
-            record.publisher.put(reading)
+            record.publisher.put(message)
         else:
-            self._store.publish(reading)
+            self._store.publish(message)
 
     def _put(self, reading: MoteReading) -> None:
         """Put a reading that was stored on the wire."""
@@ -349,10 +352,14 @@ class SNwExploration(Unit):
         assert publisher is not None  # made before the reading was given to the store
         publisher.put(reading)
 
-    def _answer(self, record: MoteRecord, now_ns: int) -> None:
+    def _answer(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
         """Send the waiting packets while the mote listens."""
-        self._answer_duty(record)
         window = record.window
+        self._counts.duties_given_up += record.forget_duty(reading.period_ds, self.parameters.duty_tries)
+        if record.wanted_period_ds is not None:
+            record.duty_tries += 1
+            self._counts.duties += 1
+            self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
         if record.asked is not None and (now_ns >= record.asked_until_ns or not window.lacks(record.asked)):
             record.asked = None
         if record.asked is not None:  # it is still answering
@@ -367,19 +374,6 @@ class SNwExploration(Unit):
 
     def _send(self, mote: int, kind: int, payload: bytes) -> None:
         self._base.send(mote, kind, payload)
-
-    def _answer_duty(self, record: MoteRecord) -> None:
-        if record.wanted_period_ds is None or record.latest is None:
-            return
-        if record.latest.period_ds == record.wanted_period_ds:
-            record.wanted_period_ds = None
-        elif record.duty_tries >= self.parameters.duty_tries:
-            record.wanted_period_ds = None
-            self._counts.duties_given_up += 1
-        else:
-            record.duty_tries += 1
-            self._counts.duties += 1
-            self._base.send(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack())
 
     def _handle_beacon(self, payload: bytes, stamp_ns: int) -> None:
         try:
