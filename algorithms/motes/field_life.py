@@ -73,7 +73,7 @@ class RobotFigures(Checked, frozen=True, kw_only=True):
     """A robot that collects."""
 
     speed_m_s: Positive = 0.5
-    standing_w: Positive = 8.0
+    idle_w: Positive = 8.0
     """All the time on a tour, for computer, sensors and radio: that of the simulated robots."""
     driving_j_per_m: Positive = 20.0
     """Additional energy for driving; about that of the simulated robots."""
@@ -94,7 +94,7 @@ class FieldPlan(Checked, frozen=True, kw_only=True):
     """Number of tours a day on which a robot visits all motes; 0 for none."""
     goal_days: NotNegative = 0.0
     """With tours: the lifetime that is aimed at. Readings travel over the air as far as it allows."""
-    takes_turns: bool = False
+    rotates_duty: bool = False
     """Whether only as many motes are on duty as the coverage needs, in turn."""
     replan_days: Positive = 10.0
     """Time after which routes and duties are made again; also after each death."""
@@ -224,7 +224,7 @@ class _FieldRun:
         self._next_plan_s = self.now_s + plan.replan_days * DAY_S
         living = sorted(self.alive)
         self._on_duty = set(self.alive)
-        if plan.takes_turns:
+        if plan.rotates_duty:
             left = {mote: max(self.left_j[mote] / site.energy.capacity_j, FLAT_J) for mote in living}
             self._on_duty = set(duty_set(self._cover, left))
         awake = sorted(self._on_duty)
@@ -337,7 +337,7 @@ class _FieldRun:
             readings += handed
         if self.now_s <= HORIZON_S:
             duration_s = path_m / robot.speed_m_s + readings / robot.readings_per_s
-            self._robot_j += robot.standing_w * duration_s + robot.driving_j_per_m * path_m
+            self._robot_j += robot.idle_w * duration_s + robot.driving_j_per_m * path_m
             self._driven_m += path_m
         self._next_tour_s += tour_s
 

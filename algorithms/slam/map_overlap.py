@@ -573,7 +573,7 @@ def is_same_place(one: Pose2D, other: Pose2D) -> bool:
 
 
 def distinct(places: list[Pose2D], most: int) -> list[Pose2D]:
-    """The first of these poses that are no repeated answers, at most so many."""
+    """The first `most` of these poses, without those that repeat an earlier one."""
     seen: list[Pose2D] = []
     for place in places:
         if len(seen) < most and not any(is_same_place(place, each) for each in seen):

@@ -99,7 +99,7 @@ class MoteCase(msgspec.Struct, frozen=True, kw_only=True):
             ROUTES: FieldPlan(routing=Routing.LIFETIME),
             MULES: FieldPlan(routing=Routing.NONE, tours_per_day=tours),
             RELIEF: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal),
-            TURNS: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal, takes_turns=True),
+            TURNS: FieldPlan(routing=Routing.LIFETIME, tours_per_day=tours, goal_days=goal, rotates_duty=True),
         }[self.method]
 
 

@@ -29,7 +29,7 @@ PLANS = st.sampled_from(
         {"routing": Routing.LIFETIME},
         {"routing": Routing.NONE, "tours_per_day": 0.5},
         {"tours_per_day": 1.0, "goal_days": 400.0},
-        {"tours_per_day": 1.0, "goal_days": 400.0, "takes_turns": True},
+        {"tours_per_day": 1.0, "goal_days": 400.0, "rotates_duty": True},
     ]
 )
 
@@ -81,7 +81,7 @@ def test_cut_off_mote_s_readings_arrive_by_robot_alone() -> None:
 
 def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
     where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
-    robot = RobotFigures(speed_m_s=1.0, standing_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
+    robot = RobotFigures(speed_m_s=1.0, idle_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
     life = live(where, routing=Routing.NONE, tours_per_day=1.0, robot=robot)
     assert life.robot_j / (life.driven_m / 100.0) == pytest.approx(100.0 * 7.0 + 101.0 * 5.0)
 
@@ -101,7 +101,7 @@ def test_goal_is_reached_and_what_the_goal_allows_travels_at_once() -> None:
 def test_motes_in_turn_live_longer_and_cover_as_much() -> None:
     where = site(5, motes=60)
     all_on = live(where, tours_per_day=1.0, goal_days=500.0)
-    in_turn = live(where, tours_per_day=1.0, goal_days=500.0, takes_turns=True)
+    in_turn = live(where, tours_per_day=1.0, goal_days=500.0, rotates_duty=True)
     assert in_turn.half_days > 1.5 * all_on.half_days
     assert in_turn.coverage > all_on.coverage - 0.01
 
