@@ -366,7 +366,7 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
     assert busy.value.code is ErrorCode.BUSY
     may_go_on.set()
     with pytest.raises(CallError, match="the disk has gone"):
-        until(first.take, "no answer came")
+        until(first.poll, "no answer came")
     desk.close()
 
 

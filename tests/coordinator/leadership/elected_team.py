@@ -10,6 +10,7 @@ from robrain.coordinator.leadership.leadership import ElectedLeadership
 from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.operator import OPERATOR
 from robrain.lab.soak.soak_run import SoakRun
+from robrain.protocol.refusals import Refusals
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.process import JournalDisk, Process
 
@@ -46,6 +47,10 @@ class Site:
         """End it."""
         if self.coordinator is not None:
             self.coordinator.close()
+
+    @property
+    def refusals(self) -> Refusals:
+        return self._wire.refusals
 
     def _lead(self, elected: Elected) -> None:
         self._wire.close()
