@@ -35,30 +35,6 @@ def last_state(inbox):
 
 
 @pytest.mark.slow
-def test_robot_beyond_range_is_not_heard_and_neither_are_those_behind_it():
-    with RadioTeam(f"{RANGE}\nrelays = false", [2.0, 10.0, 18.0]) as team:
-        heard, everywhere = team.hear(ROBOT_STATE, "coordinator"), team.hear(ROBOT_STATE)
-        team.go(2.0)
-        assert robots_in(heard) == {"r1", "r2"}
-        assert robots_in(everywhere) == {"r1", "r2", "r3"}
-        assert [names["robot"] for names in team.wire("coordinator").present(ROBOT_ALIVE)] == ["r1", "r2"]
-        assert [names["robot"] for names in team.wire("r3").present(ROBOT_ALIVE)] == ["r2", "r3"]
-        assert counted(team.run)["out_of_reach"] > 0
-
-
-@pytest.mark.slow
-def test_robot_is_called_and_driven_through_two_relays():
-    with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0], party="coordinator") as team:
-        team.go(2.0)
-        team.team.unload("r4", "explore")
-        team.go(4.0)
-        before = team.pose_of("r4")
-        team.team.call("r4", "driver", "drive", -0.5)
-        team.go(7.0)
-        assert before.distance_m(team.pose_of("r4")) == pytest.approx(0.5, abs=0.1)
-
-
-@pytest.mark.slow
 def test_through_relays_the_last_robot_of_a_chain_is_heard_and_does_the_task_there():
     with RadioTeam(RANGE, [2.0, 10.0, 18.0, 26.0]) as team:
         heard = team.hear(ROBOT_STATE, "coordinator")
@@ -86,18 +62,6 @@ def test_partition_cuts_at_its_times_and_the_coordinator_gets_the_robot_and_its_
         ]  # fmt: skip
         assert seen[2][2] == pytest.approx(6.0, abs=0.15)
         assert seen[3][2] == pytest.approx(10.0, abs=0.15)
-
-
-@pytest.mark.slow
-def test_task_of_a_robot_that_is_cut_off_is_done_by_another():
-    cut = CUT_R2.format(from_s=6.0, until_s=60.0)
-    with RadioTeam(cut, [2.0, 10.0]) as team:
-        team.go(2.0)
-        task = team.team.submit("visit", id="far", place=(17.0, 2.0))
-        team.go(5.9)
-        assert team.team.get(task).robot == "r2"
-        record = team.team.wait(task, timeout_s=100.0)
-        assert (record.state, record.robot) == (TaskState.DONE, "r1")
 
 
 @pytest.mark.slow

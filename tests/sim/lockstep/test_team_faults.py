@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import msgspec
 import pytest
 
 from robrain import LinkSpec, Scenario, ScenarioError
@@ -188,33 +187,6 @@ def test_faults_that_the_run_cannot_have_are_refused(spec: FaultSpec, scenario: 
 def test_others_may_not_join_a_run_in_which_components_are_cut_off() -> None:
     with pytest.raises(ScenarioError, match="faults: expected a run that no other process can join"):
         SMALL.replace(faults=(fault(FaultKind.KILL),)).run(listen="tcp/127.0.0.1:0", time_limit_s=1.0)
-
-
-def test_a_scenario_file_has_faults_of_all_sorts_and_is_the_same_after_it_was_written() -> None:
-    toml = """
-        [scenario]
-        name = "two_faults"
-        [floor]
-        size_m = [8.0, 6.0]
-        [team]
-        robots = 2
-        [[faults]]
-        robot = "coordinator"
-        kind = "kill"
-        at_s = 4.0
-        until_s = 6.0
-        within_s = 10.0
-        [[faults]]
-        robot = "r1"
-        kind = "carried_off"
-        on = "task_assigned"
-        at_s = 1.0
-        place_m = [2.0, 2.0]
-        """
-    scenario = Scenario.from_toml(toml)
-    assert [one.kind for one in scenario.faults] == [FaultKind.KILL, FaultKind.CARRIED_OFF]
-    again = Scenario.from_toml(scenario.to_toml())
-    assert msgspec.structs.replace(again, toml="") == msgspec.structs.replace(scenario, toml="")
 
 
 @pytest.mark.slow

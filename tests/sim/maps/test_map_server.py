@@ -214,11 +214,6 @@ def test_unreadable_image_is_told(tmp_path: Path, content: bytes) -> None:
         load_map(_write(tmp_path, None))
 
 
-def test_image_without_free_space_is_told(tmp_path: Path) -> None:
-    with pytest.raises(MapError, match=r"expected free space in map\.png, got none"):
-        load_map(_write(tmp_path, _grey([0, 0], [120, 0])))
-
-
 @needs_real_maps
 @pytest.mark.parametrize(
     ("name", "size_m", "free_share", "warned"),

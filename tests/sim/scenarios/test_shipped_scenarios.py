@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
@@ -91,3 +92,52 @@ def test_places_of_motes_are_kept_and_more_are_drawn(tmp_path):
     assert more[:2] == places
     assert len(set(more)) == 4
     assert Scenario.from_toml(scenario.replace(motes=1).to_toml()).world().motes == scenario.world().motes[:1]
+
+
+OF_ALL_SORTS = """
+[scenario]
+name = "of_all_sorts"
+[floor]
+size_m = [8.0, 6.0]
+[team]
+robots = 2
+[motes]
+count = 3
+gateways = ["m1"]
+mesh = { hops = 6 }
+[[robots]]
+hardware = { radius_m = 0.15 }
+without = ["explore"]
+[links]
+range_m = 8.0
+relays = ["r1", "coordinator"]
+[[links.partitions]]
+from_s = 30.0
+groups = [["r1"], ["r2", "coordinator"]]
+[[faults]]
+robot = "coordinator"
+kind = "kill"
+at_s = 4.0
+until_s = 6.0
+within_s = 10.0
+[[faults]]
+robot = "r1"
+kind = "carried_off"
+on = "task_assigned"
+at_s = 1.0
+place_m = [2.0, 2.0]
+[[tasks]]
+kind = "visit"
+place_m = [2.0, 2.0]
+[[doors]]
+from_m = [4.0, 1.4]
+to_m = [4.0, 2.6]
+period_s = 6.0
+"""
+
+
+@pytest.mark.parametrize("toml", [OF_ALL_SORTS, *(Scenario.builtin(name).toml for name in builtin_names())])
+def test_a_scenario_is_the_same_after_it_was_written(toml):
+    scenario = Scenario.from_toml(toml)
+    again = msgspec.structs.replace(Scenario.from_toml(scenario.to_toml()), toml=toml, floor=scenario.floor)
+    assert again == scenario

@@ -198,18 +198,6 @@ def test_a_person_that_a_robot_blocks_turns_back():
         run.close()
 
 
-@pytest.mark.slow
-def test_traffic_is_written_as_it_was_read_and_a_run_without_has_no_bodies():
-    scenario = Scenario.from_toml(ROOMS + DOOR + "period_s = 6.0\n" + MOVER + PEOPLE)
-    assert Scenario.from_toml(scenario.to_toml()).traffic == scenario.traffic
-    run = opened("")
-    try:
-        run.tick()
-        assert not isinstance(run.truth.bodies, list)
-    finally:
-        run.close()
-
-
 def test_ways_go_around_walls_and_are_short():
     plan = Scenario.from_toml(ROOMS).plan()
     walkways = Walkways(plan, 0.25)

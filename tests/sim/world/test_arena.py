@@ -133,18 +133,6 @@ def turns_rad(counts: list[dict[str, float]]) -> tuple[float, float, float]:
     return turns[0], turns[1], turns[2]
 
 
-def test_a_robot_that_drove_a_metre_has_encoders_that_say_a_metre(stage):
-    one = stage(Pose2D(1.0, 2.0, 0.0))
-    while one.truth().distance_m < 1.0:
-        one.run(5, r1=Twist2D(0.3))
-    one.run(50)
-    motion = BASE.twist(*turns_rad(one.frames("WheelEncoders")))  # of turns, thus metres
-    assert 1.0 < one.truth().distance_m < 1.15
-    assert motion.forward_m_s == pytest.approx(one.truth().distance_m, abs=1e-3)
-    assert motion.left_m_s == pytest.approx(0.0, abs=1e-3)
-    assert one.truth().pose.x_m == pytest.approx(1.0 + one.truth().distance_m, abs=1e-3)
-
-
 def test_encoders_alone_lead_along_the_true_way(stage):
     pose = start = Pose2D(2.0, 1.0, 0.4)
     one = stage(start)

@@ -64,12 +64,6 @@ def fence(pitch_m: float) -> FloorDrawing:
 
 
 @pytest.mark.slow
-def test_of_a_floor_that_is_all_explored_nothing_is_left() -> None:
-    with running(scenario(two_rooms(1.0))) as run:
-        assert explored(run) == ExplorationLeft()
-
-
-@pytest.mark.slow
 def test_floor_behind_a_fence_that_can_be_seen_through_is_too_narrow_and_is_not_tried() -> None:
     with running(scenario(fence(0.3))) as run:
         (region,) = explored(run).regions

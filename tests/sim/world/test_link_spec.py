@@ -1,4 +1,4 @@
-"""The table `[links]`: what is read, what is written, and what is refused in words."""
+"""The table `[links]`: what robots are told of it, and what is refused in words."""
 
 import re
 from pathlib import Path
@@ -7,50 +7,7 @@ import pytest
 
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
 from tests.sim.links.radio_team import corridor
-
-FULL = """
-range_m = 12.5
-wall_db = 4.0
-loss = 0.02
-delay_s = 0.01
-bandwidth_bytes_s = 250000.0
-queue_s = 0.5
-relays = ["r1", "coordinator"]
-lost_after_s = 3.0
-return_after_s = 20.0
-coordinator_m = [1.0, 2.0]
-
-[[links.partitions]]
-from_s = 30.0
-until_s = 60.0
-groups = [["r1"], ["r2", "coordinator"]]
-
-[[links.partitions]]
-groups = [["r2"]]
-"""
-
-
-def test_scenario_file_has_it_all_and_is_written_again():
-    scenario = corridor(FULL, robots=2)
-    assert scenario.links == LinkSpec(
-        range_m=12.5,
-        wall_db=4.0,
-        loss=0.02,
-        delay_s=0.01,
-        bandwidth_bytes_s=250_000.0,
-        queue_s=0.5,
-        relays=("r1", "coordinator"),
-        lost_after_s=3.0,
-        return_after_s=20.0,
-        coordinator_m=(1.0, 2.0),
-        partitions=(
-            PartitionSpec(from_s=30.0, until_s=60.0, groups=(("r1",), ("r2", "coordinator"))),
-            PartitionSpec(groups=(("r2",),)),
-        ),
-    )
-    assert Scenario.from_toml(scenario.to_toml()).links == scenario.links
 
 
 def test_robots_are_told_to_wait_at_their_start_if_they_know_it_and_are_to_return():

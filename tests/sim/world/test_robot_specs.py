@@ -77,14 +77,6 @@ def test_a_robot_without_a_lidar_sends_no_scans():
     assert set(seen) == {"r2"}
 
 
-@pytest.mark.slow
-def test_a_mixed_team_is_written_as_it_was_read():
-    scenario = Scenario.from_toml(HALL + TEAM)
-    again = Scenario.from_toml(scenario.to_toml())
-    assert (again.roster, again.robots) == (scenario.roster, 3)
-    assert again.run(time_limit_s=1.0).digest == scenario.run(time_limit_s=1.0).digest
-
-
 def test_robots_beyond_the_listed_ones_are_as_the_team_and_fewer_take_the_first():
     scenario = Scenario.from_toml(HALL + TEAM)
     assert [robot.radius_m for robot in scenario.replace(robots=5).world().robots] == [0.15, 0.28, 0.17, 0.2, 0.2]
