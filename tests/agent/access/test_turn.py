@@ -92,6 +92,7 @@ def test_a_turn_is_overdue_from_when_it_was_first_taken():
         clock.advance_to(to_ns(100.8))
         with turn:
             assert turn.is_overdue(to_ns(101.1)), "since the outer one"
+        assert turn.is_overdue(to_ns(101.1))
     assert not turn.is_overdue(to_ns(200.0))
 
 

@@ -62,7 +62,8 @@ def test_for_a_second_after_it_returns_a_coordinator_is_told_and_not_obeyed(one:
     one.is_coordinated = True
     one.run(0.1)
     begun_ns = one.clock.now_ns()
-    assert one.consensus.offer_refusal("t1", begun_ns) == REPORTING
+    assert one.consensus.offer_refusal("t1", begun_ns) == one.consensus.withdrawal_refusal(begun_ns) == REPORTING
+    assert one.consensus.withdrawal_refusal(begun_ns + to_ns(1.0)) is None
     assert one.consensus.is_reporting(begun_ns + to_ns(1.0) - 1)
     assert not one.consensus.is_reporting(begun_ns + to_ns(1.0))
 
