@@ -137,7 +137,7 @@ class Errands(ArenaBench):
 
     def is_cut_off(self, robot: str = "r1") -> bool:
         """Whether a robot's battery has given its last."""
-        return self.arena._named(robot).battery.is_cut_off
+        return self.arena.robot(robot).battery.is_cut_off
 
     def why_not_running(self) -> dict[str, str]:
         """Plugins of r1 that do not run, and why."""
