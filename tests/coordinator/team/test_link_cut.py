@@ -18,7 +18,7 @@ class Late:
         self._reply = reply
         self._looks = 0
 
-    def take(self):
+    def poll(self):
         self._looks += 1
         return None if self._looks == 1 else self._reply.poll()
 
