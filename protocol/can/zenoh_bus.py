@@ -37,8 +37,9 @@ from robrain.protocol.can.payload import (
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import BadName, WireError
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.links.exchange import NOBODY, Exchange
+from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.link import Declaration
+from robrain.protocol.links.receivers import NOBODY
 from robrain.protocol.table.topic import CAN_FRAME
 from robrain.protocol.table.topics import ARENA_CAN
 from robrain.protocol.wire.hub import team_endpoints

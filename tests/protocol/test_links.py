@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.links.exchange import Declared, Exchange
+from robrain.protocol.links.declared import Declared
+from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.local_link import LocalLink
 from robrain.protocol.links.zenoh_link import ZenohLink
