@@ -11,6 +11,10 @@ class ChildFailed(RobrainError):
     """A process of the team did not start."""
 
 
+class PkiError(RobrainError):
+    """A certificate, or a file of them, cannot be made or used."""
+
+
 class InstanceError(RobrainError):
     """A public routing instance cannot be read or solved; the text names the file and the expected value."""
 

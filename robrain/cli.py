@@ -128,7 +128,8 @@ def run(
 ) -> None:
     """Run a scenario in lockstep: repeatable, and as fast as possible."""
     from robrain.deploy.command_line.options import new_recording
-    from robrain.deploy.processes.starting import RunOptions, start_run
+    from robrain.deploy.processes.run_options import RunOptions
+    from robrain.deploy.processes.starting import start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario
@@ -161,7 +162,8 @@ def demo(
 ) -> None:
     """Let a team explore the built-in depot for a minute, shown in the browser and recorded in runs/."""
     from robrain.deploy.command_line.options import next_file
-    from robrain.deploy.processes.starting import RunOptions, start_run
+    from robrain.deploy.processes.run_options import RunOptions
+    from robrain.deploy.processes.starting import start_run
 
     def choose() -> "Scenario":
         from robrain.deploy.command_line.scenario_choice import choose_scenario

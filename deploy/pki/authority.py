@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from robrain.deploy.pki.issuing import PkiError
+from robrain.deploy.errors import PkiError
 from robrain.protocol.access.member import Member, MemberRole
 
 CA_DAYS = 3650

@@ -20,18 +20,14 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from robrain.deploy.errors import PkiError
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
 from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.access.rules import access_control
-from robrain.protocol.errors import BadName, RobrainError, WireError
+from robrain.protocol.errors import BadName, WireError
 from robrain.protocol.extras import missing_package
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.session import LEASE_MS, check_endpoint
-
-
-class PkiError(RobrainError):
-    """A certificate, or a file of them, cannot be made or used."""
-
 
 CA_CERTIFICATE, CA_KEY, MEMBERS_FILE, MEMBERS_FOLDER = "ca.pem", "ca.key", "members.json", "members"
 LOCK_FILE = ".lock"

@@ -7,7 +7,8 @@ from pathlib import Path
 import zenoh
 
 from robrain.deploy.command_line.output import print_message, print_result
-from robrain.deploy.pki.issuing import MEMBERS_FILE, PkiError, read_members
+from robrain.deploy.errors import PkiError
+from robrain.deploy.pki.issuing import MEMBERS_FILE, read_members
 from robrain.deploy.processes.live_process import LiveStop, steps
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
 from robrain.protocol.access.member import MemberRole

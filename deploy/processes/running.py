@@ -17,7 +17,7 @@ from robrain.deploy.processes.children import Child, Children, continue_with_rec
 from robrain.deploy.processes.kernels import PARTS, are_cached, load_kernels, prepare_kernels
 from robrain.deploy.processes.live_process import LiveStop
 from robrain.deploy.processes.run_display import run_display, show_result
-from robrain.deploy.processes.starting import RunOptions, Watched
+from robrain.deploy.processes.run_options import RunOptions, Watched
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint

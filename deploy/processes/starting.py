@@ -1,42 +1,17 @@
 """Starts a run, and the page that follows it."""
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
-
-import msgspec
-import zenoh
+from typing import TYPE_CHECKING
 
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.children import DASHBOARD_READY, Children, StartingPage
+from robrain.deploy.processes.run_options import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.session import listening_at, open_lockstep_session
 
 if TYPE_CHECKING:
     from robrain.sim.lockstep.result import RunResult
     from robrain.sim.scenarios.scenario import Scenario
-
-
-class RunOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """The options of a run, as the command line gives them."""
-
-    until: str | None = None
-    time_limit_s: float | None = None
-    speed: float | None = None
-    record: Path | None = None
-    dashboard: bool = False
-    port: int | None = None
-    quiet: bool = False
-    """Print only errors."""
-    stay: bool = False
-    """Keep the dashboard up after the run, until Ctrl-C: it then shows the recording."""
-
-
-class Watched(NamedTuple):
-    """A page, and the session on which it follows the run."""
-
-    session: zenoh.Session
-    page: StartingPage
 
 
 def start_run(choose: Callable[[], "Scenario"], options: RunOptions) -> "RunResult":

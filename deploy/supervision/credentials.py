@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from robrain.deploy.errors import PkiError
 from robrain.deploy.pki.issuing import (
     CA_KEY,
     MEMBERS_FILE,
     MEMBERS_FOLDER,
-    PkiError,
     ends_soon,
     folder_of,
     init,

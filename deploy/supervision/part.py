@@ -25,6 +25,14 @@ times `hang_s`, even on a busy machine.
 """
 QUIET_S = 0.5
 """Silence from which it is worth looking whether a process waits for a core: longer than any usual period."""
+HUB, ARENA, COORDINATOR = "hub", "arena", "coordinator"
+STAND_BY, RECORDER, DASHBOARD = "stand-by", "recorder", "dashboard"
+STOCK_PARTS = (HUB, ARENA, COORDINATOR, STAND_BY, RECORDER, DASHBOARD)
+"""Parts that are no robots."""
+PROC = Path("/proc")
+PERIOD_S = 1.0
+"""Time over which CPU is averaged, at least."""
+MEGABYTE = 1024 * 1024
 
 
 class RestartPolicy(Checked, frozen=True, kw_only=True):
@@ -234,11 +242,6 @@ class Restarts:
         return RestartStep.KILL
 
 
-HUB, ARENA, COORDINATOR = "hub", "arena", "coordinator"
-STAND_BY, RECORDER, DASHBOARD = "stand-by", "recorder", "dashboard"
-STOCK_PARTS = (HUB, ARENA, COORDINATOR, STAND_BY, RECORDER, DASHBOARD)
-"""Parts that are no robots."""
-
 POLICY = RestartPolicy()
 HUB_POLICY = RestartPolicy(first_delay_s=0.1, hang_s=3.0)
 """All others wait for the hub, whose loop only beats."""
@@ -278,12 +281,6 @@ class MemberStatus(msgspec.Struct, frozen=True, omit_defaults=True):
     phase: Phase = Phase.UP
     """Of a process that `robrain up` supervises."""
     restarts: int | None = None
-
-
-PROC = Path("/proc")
-PERIOD_S = 1.0
-"""Time over which CPU is averaged, at least."""
-MEGABYTE = 1024 * 1024
 
 
 class Figures(NamedTuple):

@@ -16,7 +16,7 @@ from robrain.deploy.processes.arena_process import (
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.deploy.processes.table_files import write_planning, write_rules
 from robrain.deploy.supervision.part import ARENA, Part
-from robrain.deploy.supervision.up import Site, votes_option
+from robrain.deploy.supervision.site import Site, votes_option
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import is_loopback
 from robrain.recording.provenance import Provenance

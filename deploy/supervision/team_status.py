@@ -40,6 +40,11 @@ from robrain.recording.drawing.labels import natural_key, span_text
 STATE_S = 1.0
 """Timeout of the members' states."""
 POLL_S = 0.02
+STATES, RECEIVED, TRUTHS = "states", "heard", "truths"
+OVER_NS = 3 * NS_PER_S
+"""Time over which rates are averaged."""
+MEMBERS_MAX = 4096
+"""Members whose rates are kept."""
 
 
 class RobotCondition(StrEnum):
@@ -221,13 +226,6 @@ def robot_status(robot: str, state: RobotState | None) -> RobotStatus:
         behavior=state.behavior,
         plugins_out=plugins_out,
     )
-
-
-STATES, RECEIVED, TRUTHS = "states", "heard", "truths"
-OVER_NS = 3 * NS_PER_S
-"""Time over which rates are averaged."""
-MEMBERS_MAX = 4096
-"""Members whose rates are kept."""
 
 
 class Rate:

@@ -36,6 +36,14 @@ from robrain.protocol.wire.hub import team_endpoints, wrong_team
 
 COLOURS = {Phase.UP: "green", Phase.GIVEN_UP: "red", Phase.KILLED: "red"}
 UNKNOWN = "–"
+PERIOD_S = 0.1
+ASK_AGAIN_S = 2.0
+"""Between two questions to a member which process it is."""
+ASK_TIMEOUT_S = 2.0
+STARTED_AS = {"hub": HUB, "router": HUB, "arena": ARENA, "record": RECORDER, "dashboard": DASHBOARD}
+"""Commands of the parts that do not report which process they are, with the names of these parts."""
+ONCE_S = 2.5
+"""Time to receive a team's messages before its table is printed once."""
 
 
 def members_table(parts: Sequence[MemberStatus]) -> Table:
@@ -56,16 +64,6 @@ def members_table(parts: Sequence[MemberStatus]) -> Table:
             Text(safe_text(state), COLOURS.get(part.phase, "yellow")),
         )
     return table
-
-
-PERIOD_S = 0.1
-ASK_AGAIN_S = 2.0
-"""Between two questions to a member which process it is."""
-ASK_TIMEOUT_S = 2.0
-STARTED_AS = {"hub": HUB, "router": HUB, "arena": ARENA, "record": RECORDER, "dashboard": DASHBOARD}
-"""Commands of the parts that do not report which process they are, with the names of these parts."""
-ONCE_S = 2.5
-"""Time to receive a team's messages before its table is printed once."""
 
 
 class Top:

@@ -5,12 +5,10 @@ import shlex
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, nullcontext, suppress
-from functools import partial
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
-from urllib.parse import urlsplit
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 from rich.console import Group
@@ -20,22 +18,21 @@ from robrain.deploy.command_line.options import new_recording, next_file
 from robrain.deploy.command_line.output import print_json, print_message
 from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, console, print_line, print_progress
 from robrain.deploy.errors import ChildFailed, UsageError
-from robrain.deploy.pki.router import ROUTER_READY
-from robrain.deploy.processes.children import DASHBOARD_READY, forwarder_line, read_addresses
-from robrain.deploy.processes.live_process import ANY_PORT, HUB_READY, LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.children import forwarder_line
+from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, live_endpoint, open_when_there
 from robrain.deploy.supervision.credentials import Credentials, now_utc
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
     DASHBOARD,
     HUB,
-    HUB_POLICY,
     RECORDER,
     STAND_BY,
     STOCK_PARTS,
     Part,
     PartEvent,
 )
+from robrain.deploy.supervision.site import DashboardEvent, ForwarderEvent, Printed, Site, hub_part, votes_option
 from robrain.deploy.supervision.supervisor import Supervisor
 from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_file
 from robrain.deploy.supervision.team_status import TeamMonitor
@@ -52,8 +49,6 @@ if TYPE_CHECKING:  # brings the simulator, which the machine of a real robot doe
     from robrain.sim.scenarios.scenario import Scenario
 
 PERIOD_S = 0.1
-RECORDER_STOP_S = 60.0
-"""Time for a recorder to write waiting messages and to finish its file, on a slow disk."""
 RENEW_PERIOD_S = 60.0
 """Between two checks for certificates that soon end."""
 ANY_SECURED_PORT = "tls/127.0.0.1:0"
@@ -98,20 +93,6 @@ class JournalEvent(msgspec.Struct, frozen=True, tag_field="event", tag="journal"
     """Journal of the coordinator; its backups are beside it."""
 
     path: str
-
-
-class DashboardEvent(msgspec.Struct, frozen=True, tag_field="event", tag="dashboard"):
-    """Address of the page."""
-
-    url: str
-
-
-class ForwarderEvent(msgspec.Struct, frozen=True, tag_field="event", tag="serial_forwarder"):
-    """Address of the Serial Forwarder of a robot's base station."""
-
-    robot: str
-    address: str
-    """`host:port`."""
 
 
 UpEvent = HubEvent | JournalEvent | DashboardEvent | ForwarderEvent | PartEvent | UpResult
@@ -164,125 +145,6 @@ class UpPlan(NamedTuple):
         return self.journal if {COORDINATOR, STAND_BY} & set(self.parts) else None
 
 
-class _Recorded(msgspec.Struct):
-    """Fields of a recorder's summary that are read."""
-
-    messages: int
-
-
-class Printed:
-    """Output lines of parts that others need. Called on the threads that read their output."""
-
-    def __init__(self, dashboard_port: int | None) -> None:
-        self.endpoint = ""
-        self.page = ""
-        self.forwarders: dict[str, str] = {}
-        self.messages = 0
-        """Recorded."""
-        self._dashboard_port = dashboard_port
-        self._shown: list[UpEvent] = []
-
-    def dashboard_port(self) -> int | None:
-        """Port of the page: once it is served it stays, so that browsers find it again."""
-        return urlsplit(self.page).port if self.page else self._dashboard_port
-
-    def events(self) -> list[UpEvent]:
-        """Lines that parts have printed since the last call and that the user needs."""
-        found: list[UpEvent] = [DashboardEvent(self.page)] if self.page else []
-        found += [ForwarderEvent(robot, address) for robot, address in self.forwarders.items()]
-        before, self._shown = self._shown, found
-        return [event for event in found if event not in before]
-
-    def read(self, part: str, line: str) -> None:
-        """Read a line of the hub, the dashboard, the arena, or of the recorder, which ends with its summary."""
-        if part == HUB:
-            for prefix in (HUB_READY, ROUTER_READY):
-                where = line.removeprefix(prefix).split(",")[0]
-                if line.startswith(prefix) and where.startswith(("tcp/", "tls/")) and not self.endpoint:  # no warning
-                    self.endpoint = where
-        elif part == DASHBOARD and line.startswith(DASHBOARD_READY):
-            self.page = line.removeprefix(DASHBOARD_READY)
-        elif part == ARENA and (addresses := read_addresses([line])):
-            self.forwarders = {**self.forwarders, **addresses}
-        elif part == RECORDER and line.startswith("{"):
-            with suppress(msgspec.MsgspecError):
-                self.messages += msgspec.json.decode(line, type=_Recorded).messages
-
-
-class Site(NamedTuple):
-    """Site of the parts: this machine's folder, and the team's endpoint."""
-
-    folder: Path
-    """For files that only this run needs."""
-    endpoint: str
-    """Of the hub."""
-    team: str
-    monitor: TeamMonitor
-    printed: Printed
-
-    @property
-    def common(self) -> list[str]:
-        """Arguments of every part but the hub."""
-        return ["--connect", self.endpoint, "--team", self.team]
-
-    def part(self, name: str, *words: str, **settings: Any) -> Part:
-        """A part with the same command line at each start."""
-        return Part(name, lambda _: [*words, *self.common], **settings)
-
-    def coordinators(
-        self, journal: Path, options: Sequence[str], parts: Sequence[str], witnesses: Sequence[str]
-    ) -> list[Part]:
-        """The coordinator, and a stand-by coordinator with its own journal.
-
-        Args:
-            journal: file of the coordinator; the other's is `NAME-stand-by` beside it.
-            options: further arguments of both.
-            parts: names of the parts that run here.
-            witnesses: robots that elect one of them; none if the coordinator is alone.
-
-        """
-        files = {COORDINATOR: journal, STAND_BY: journal.with_stem(f"{journal.stem}-stand-by")}
-        elected = ["--witnesses", ",".join(witnesses)] if witnesses else []
-        return [
-            self.part(name, "coordinator", *options, *elected, "--journal", str(file))
-            for name, file in files.items()
-            if name in parts
-        ]
-
-    def dashboard(self) -> Part:
-        """The dashboard, which keeps its page's address when it is started again."""
-
-        def arguments(_: int) -> list[str]:
-            port = self.printed.dashboard_port()
-            return ["dashboard", *self.common, *([] if port is None else ["--port", str(port)])]
-
-        return Part(DASHBOARD, arguments, must_start=True, on_line=partial(self.printed.read, DASHBOARD))
-
-    def recorder(self, path: Path, provenance: Path | None) -> Part:
-        """The recorder. A restarted recorder writes a new file: a recording is never overwritten."""
-        known = [] if provenance is None else ["--provenance", str(provenance)]
-
-        def arguments(start: int) -> list[str]:
-            file = path if start == 1 else path.with_name(f"{path.stem}_again_{start}{path.suffix}")
-            return ["record", "--output", str(file), "--json", *self.common, *known]
-
-        on_line = partial(self.printed.read, RECORDER)
-        return Part(RECORDER, arguments, must_start=True, stop_s=RECORDER_STOP_S, on_line=on_line)
-
-
-def hub_part(listen: str, printed: Printed, *, is_secured: bool = False) -> Part:
-    """The hub, or the router of a secured team; started again, it listens where it did first."""
-    command = "router" if is_secured else "hub"
-    return Part(
-        HUB,
-        lambda _: [command, "--listen", printed.endpoint or listen],
-        HUB_POLICY,
-        is_vital=True,
-        must_start=True,
-        on_line=partial(printed.read, HUB),
-    )
-
-
 def witnesses_among(robots: Sequence[str]) -> list[str]:
     """The robots of a team that elect its coordinator: an odd number, so that no vote ends in a tie.
 
@@ -291,11 +153,6 @@ def witnesses_among(robots: Sequence[str]) -> list[str]:
     """
     count = min(len(robots), WITNESSES_MAX)
     return list(robots[: count - (count % 2 == 0)]) if robots else []
-
-
-def votes_option(journal: Path) -> list[str]:
-    """Folder of the robots' votes: beside the journal of the coordinator for which they vote."""
-    return ["--votes", str(journal.with_name(f"{journal.name}.votes"))]
 
 
 def parts_of(plan: UpPlan, site: Site) -> list[Part]:

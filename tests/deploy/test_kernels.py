@@ -24,8 +24,8 @@ from robrain.deploy.command_line import terminal
 from robrain.deploy.processes import kernels, running, starting
 from robrain.deploy.processes.children import Child, Children, StartingPage
 from robrain.deploy.processes.kernels import PARTS
+from robrain.deploy.processes.run_options import RunOptions, Watched
 from robrain.deploy.processes.running import LATER_S, KernelCompiler, Preparing
-from robrain.deploy.processes.starting import RunOptions, Watched
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session

@@ -10,12 +10,11 @@ from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from robrain.cli import all_commands
-from robrain.deploy.errors import UsageError
+from robrain.deploy.errors import PkiError, UsageError
 from robrain.deploy.pki.issuing import (
     MEMBERS_FILE,
     ZENOHD_FILE,
     Endpoints,
-    PkiError,
     changing,
     endpoints_of,
     folder_of,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.deploy.machine.doctor import check_robot
+from robrain.deploy.machine.team_checks import check_robot
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus

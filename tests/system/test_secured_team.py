@@ -16,7 +16,8 @@ from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.cli import all_commands
-from robrain.deploy.pki.issuing import PkiError, folder_of, init, issue, renew, revoke
+from robrain.deploy.errors import PkiError
+from robrain.deploy.pki.issuing import folder_of, init, issue, renew, revoke
 from robrain.deploy.pki.router import SecuredRouter
 from robrain.deploy.processes.live_process import check_certificate, check_rights, warn_of_listening
 from robrain.protocol.access import rules

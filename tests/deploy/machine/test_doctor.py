@@ -15,7 +15,8 @@ import zenoh
 
 from robrain.agent.errors import PackageMissing
 from robrain.deploy.errors import UsageError
-from robrain.deploy.machine import doctor
+from robrain.deploy.machine import doctor, team_checks
+from robrain.deploy.machine.team_checks import CheckName
 from robrain.deploy.pki.issuing import folder_of, init, issue
 from robrain.deploy.processes.name_claim import claim_robot
 from robrain.protocol.access.identity import TLS_VARIABLE
@@ -75,7 +76,7 @@ def robot(tmp_path: Path, text: str) -> doctor.RobotFound:
     return found
 
 
-def wrong(check: doctor.Check, name: doctor.CheckName, *parts: str) -> None:
+def wrong(check: team_checks.Check, name: CheckName, *parts: str) -> None:
     """It is wrong, says so in these words, and what to do."""
     assert (check.name, check.ok) == (name, False)
     assert check.remedy
@@ -83,7 +84,7 @@ def wrong(check: doctor.Check, name: doctor.CheckName, *parts: str) -> None:
         assert part in check.sentence
 
 
-def failed(checks: list[doctor.Check]) -> doctor.Check:
+def failed(checks: list[team_checks.Check]) -> team_checks.Check:
     """The only one that is wrong."""
     [found] = [check for check in checks if check.ok is False]
     return found
@@ -96,23 +97,23 @@ def test_router_that_answers(endpoints) -> None:
 def test_router_that_cannot_be_reached(free) -> None:
     wrong(
         doctor.check_router([f"tcp/127.0.0.1:{free}"]),
-        doctor.CheckName.ROUTER,
+        CheckName.ROUTER,
         f"nobody listens at tcp/127.0.0.1:{free}",
     )
 
 
 @pytest.mark.slow
 def test_something_that_is_no_router(taken) -> None:
-    wrong(doctor.check_router([f"tcp/127.0.0.1:{taken}"]), doctor.CheckName.ROUTER, "admits no client")
+    wrong(doctor.check_router([f"tcp/127.0.0.1:{taken}"]), CheckName.ROUTER, "admits no client")
 
 
 def test_key_space_that_is_open(endpoints) -> None:
-    assert doctor.check_key_space(endpoints, TEAM, "r1").ok
+    assert team_checks.check_key_space(endpoints, TEAM, "r1").ok
 
 
 @pytest.mark.slow
 def test_key_space_that_the_router_denies(monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "ASK_S", 0.5)
+    monkeypatch.setattr(team_checks, "ASK_S", 0.5)
     config = zenoh.Config()
     rules = '{"enabled": true, "default_permission": "deny", "rules": [], "subjects": [], "policies": []}'
     for key, value in {
@@ -124,8 +125,8 @@ def test_key_space_that_the_router_denies(monkeypatch) -> None:
     }.items():
         config.insert_json5(key, value)
     with closing(zenoh.open(config)) as router:
-        found = doctor.check_key_space(listening_at(router)[:1], TEAM, "r1")
-    wrong(found, doctor.CheckName.KEY_SPACE, "r1 of team default", "access rules")
+        found = team_checks.check_key_space(listening_at(router)[:1], TEAM, "r1")
+    wrong(found, CheckName.KEY_SPACE, "r1 of team default", "access rules")
 
 
 @pytest.mark.parametrize(
@@ -136,12 +137,12 @@ def test_key_space_that_the_router_denies(monkeypatch) -> None:
     ],
 )
 def test_clock_that_is_wrong(skews_s: list[float], words: str) -> None:
-    wrong(doctor.check_clock(skews_s), doctor.CheckName.CLOCK, words)
+    wrong(team_checks.check_clock(skews_s), CheckName.CLOCK, words)
 
 
 def test_clock_that_agrees_though_one_message_was_late() -> None:
-    assert doctor.check_clock([-0.01, -1.8]).ok
-    assert doctor.check_clock([]).ok is None
+    assert team_checks.check_clock([-0.01, -1.8]).ok
+    assert team_checks.check_clock([]).ok is None
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, 60.0])
@@ -159,7 +160,7 @@ def test_stamps_of_the_coordinator_are_heard_even_from_the_future(hub, endpoints
         speaker = Thread(target=say)
         speaker.start()
         try:
-            found = doctor.stamp_skews_s(session, "clocks")
+            found = team_checks.stamp_skews_s(session, "clocks")
         finally:
             ended.set()
             speaker.join()
@@ -169,17 +170,17 @@ def test_stamps_of_the_coordinator_are_heard_even_from_the_future(hub, endpoints
 
 def test_versions_that_differ_or_are_not_told() -> None:
     here, there = ProcessInfo("a", 1, "z", "1.2.0"), ProcessInfo("b", 2, "y", "1.1.0")
-    assert doctor.check_versions("1.2.0", {"r1": here}).ok
-    assert doctor.check_versions("1.2.0", {}).ok is None
+    assert team_checks.check_versions("1.2.0", {"r1": here}).ok
+    assert team_checks.check_versions("1.2.0", {}).ok is None
     old = ProcessInfo("c", 3, "x")
-    said = doctor.check_versions("1.2.0", {"r1": here, "r2": there, "r3": old})
-    wrong(said, doctor.CheckName.VERSION, "this machine has robrain 1.2.0; r2 has 1.1.0, r3 has an older one")
+    said = team_checks.check_versions("1.2.0", {"r1": here, "r2": there, "r3": old})
+    wrong(said, CheckName.VERSION, "this machine has robrain 1.2.0; r2 has 1.1.0, r3 has an older one")
 
 
 def test_robots_say_who_they_are_and_which_version_they_have(hub, endpoints) -> None:
     with closing(open_session(connect=endpoints)) as session, claim_robot(session, TEAM, "r5") as claim:
         assert claim.acquire(lambda _: None, lambda: False)
-        found = until(lambda: doctor.members(hub, TEAM))
+        found = until(lambda: team_checks.members(hub, TEAM))
         assert found["r5"].version
         assert found["r5"].pid == os.getpid()
 
@@ -192,21 +193,21 @@ def test_two_of_one_name(hub, endpoints) -> None:
             info = ProcessInfo(f"host{number}", number, f"zid{number}")
             wire.answer(ROBOT_WHO, lambda _, info=info: info, robot="r6")
             wires.append(wire)
-        found = until(lambda: len(them := doctor.holders(hub, TEAM, "r6")) == 2 and them)
-        said = doctor.check_name_free("r6", found)
+        found = until(lambda: len(them := team_checks.holders(hub, TEAM, "r6")) == 2 and them)
+        said = team_checks.check_name_free("r6", found)
         for wire in wires:
             wire.close()
-    wrong(said, doctor.CheckName.NAME, "2 processes say that they are r6: process 0 on host0")
+    wrong(said, CheckName.NAME, "2 processes say that they are r6: process 0 on host0")
 
 
 def test_name_that_another_machine_has_and_the_robots_own(tmp_path) -> None:
     (tmp_path / "7").mkdir()
     info = ProcessInfo("here", 7, "zid")
-    assert doctor.check_name_free("r1", [], "here", tmp_path).ok
-    assert doctor.check_name_free("r1", [info], "here", tmp_path).ok
+    assert team_checks.check_name_free("r1", [], "here", tmp_path).ok
+    assert team_checks.check_name_free("r1", [info], "here", tmp_path).ok
     wrong(
-        doctor.check_name_free("r1", [info], "there", tmp_path),
-        doctor.CheckName.NAME,
+        team_checks.check_name_free("r1", [info], "there", tmp_path),
+        CheckName.NAME,
         "another machine has the name r1",
     )
 
@@ -216,7 +217,7 @@ def test_port_that_is_taken(taken) -> None:
     endpoint = f"tcp/127.0.0.1:{taken}"
     wrong(
         doctor.check_port("the hub", endpoint),
-        doctor.CheckName.PORT,
+        CheckName.PORT,
         f"the hub cannot listen at {endpoint}: the port is taken",
     )
 
@@ -229,14 +230,14 @@ def test_port_that_is_free_or_has_the_router_itself(free, endpoints) -> None:
 @pytest.mark.slow
 def test_port_of_a_robots_plugin_that_is_taken(tmp_path, taken) -> None:
     [said] = doctor.check_robot_ports(robot(tmp_path, PORT.format(taken)))
-    wrong(said, doctor.CheckName.PORT, "tcp_socket cannot listen at")
+    wrong(said, CheckName.PORT, "tcp_socket cannot listen at")
 
 
 def test_address_of_this_machine_and_of_another() -> None:
     assert doctor.check_address("base", "127.0.0.1").ok
     wrong(
         doctor.check_address("base", "192.0.2.77"),
-        doctor.CheckName.ADDRESS,
+        CheckName.ADDRESS,
         "does not have the address 192.0.2.77 of host base",
     )
 
@@ -244,11 +245,11 @@ def test_address_of_this_machine_and_of_another() -> None:
 def test_can_interface_that_is_absent_down_or_up(tmp_path) -> None:
     found = robot(tmp_path, CAN)
     [absent] = doctor.check_can(found, tmp_path)
-    wrong(absent, doctor.CheckName.CAN, "there is no CAN interface can7, which mocdevice needs")
+    wrong(absent, CheckName.CAN, "there is no CAN interface can7, which mocdevice needs")
     (tmp_path / "can7").mkdir()
     (tmp_path / "can7" / "flags").write_text("0x80\n")
     [down] = doctor.check_can(found, tmp_path)
-    wrong(down, doctor.CheckName.CAN, "can7, which mocdevice needs, is down")
+    wrong(down, CheckName.CAN, "can7, which mocdevice needs, is down")
     (tmp_path / "can7" / "flags").write_text("0x81\n")
     assert doctor.check_can(found, tmp_path)[0].ok
 
@@ -261,7 +262,7 @@ def test_extra_that_is_not_installed(tmp_path) -> None:
             raise PackageMissing(manifest.path, manifest.module_name, MissingPackage("scipy", "navigation"))
 
     said = doctor.check_extras(found, import_plugin)
-    wrong(said, doctor.CheckName.EXTRA, "planner need robrain[navigation]")
+    wrong(said, CheckName.EXTRA, "planner need robrain[navigation]")
     assert said.remedy == "pip install 'robrain[navigation]'"
     assert doctor.check_extras(found).ok
 
@@ -279,12 +280,12 @@ def test_robot_file_that_is_wrong(tmp_path, text: str, said: str) -> None:
     path.write_text(text)
     found, check = doctor.check_robot_file(path)
     assert found is None
-    wrong(check, doctor.CheckName.FILE, said)
+    wrong(check, CheckName.FILE, said)
 
 
 def test_file_that_does_not_say_the_map(tmp_path) -> None:
     said = doctor.check_grid(robot(tmp_path, '[robot]\nname = "r1"\n'))
-    assert (said.name, said.ok) == (doctor.CheckName.MAP, None)
+    assert (said.name, said.ok) == (CheckName.MAP, None)
     grid = "resolution_m = 0.1\norigin_x_m = 0.0\norigin_y_m = 0.0\nwidth_m = 9.0\nheight_m = 5.0\n"
     said = doctor.check_grid(robot(tmp_path, f'[robot]\nname = "r1"\n[parameters.mapper]\n{grid}'))
     assert said.sentence == "the robot maps 9 × 5 m from (0, 0)"
@@ -302,7 +303,7 @@ def test_file_that_does_not_say_the_map(tmp_path) -> None:
 )
 def test_device_that_cannot_open_what_its_parameters_name(tmp_path, plugin, parameters, words) -> None:
     found = robot(tmp_path, f'[robot]\nname = "r1"\nload = ["{plugin}", "home"]\n[parameters.{plugin}]\n{parameters}\n')
-    wrong(doctor.check_devices(found, tmp_path)[0], doctor.CheckName.DEVICE, f"{plugin} cannot start", words)
+    wrong(doctor.check_devices(found, tmp_path)[0], CheckName.DEVICE, f"{plugin} cannot start", words)
 
 
 def test_devices_are_opened_and_closed_again(tmp_path) -> None:
@@ -310,9 +311,7 @@ def test_devices_are_opened_and_closed_again(tmp_path) -> None:
     text = '[robot]\nname = "r1"\nload = ["mocdevice"]\n[robot.roles]\nmocdevice = "serial_base"\n'
     found = robot(tmp_path, f'{text}[parameters.mocdevice]\nport = "{plug.path}"\n')
     (check,) = doctor.check_devices(found, tmp_path)
-    assert check == doctor.Check(
-        doctor.CheckName.DEVICE, True, "devices that open what their parameters name: mocdevice"
-    )
+    assert check == team_checks.Check(CheckName.DEVICE, True, "devices that open what their parameters name: mocdevice")
     plug.pull_out()
 
 
@@ -343,7 +342,7 @@ def team_file(tmp_path: Path, port: int, scenario: str = "arena_small", parts: s
 
 @pytest.mark.slow
 def test_robot_that_may_join_is_told_so(capsys, endpoints, robot_file, monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "LISTEN_S", 0.05)
+    monkeypatch.setattr(team_checks, "LISTEN_S", 0.05)
     assert doctor.doctor_command(robot_file, None, endpoints[0], None, as_json=True)
     told = json.loads(capsys.readouterr().out)
     names = {check["name"] for check in told}
@@ -368,12 +367,16 @@ def test_machine_that_may_start_its_parts(tmp_path, free) -> None:
 
 def test_map_that_is_missing(tmp_path, free) -> None:
     (tmp_path / "mine.toml").write_text('[scenario]\nname = "mine"\n[map]\nfile = "gone.yaml"\n')
-    wrong(failed(doctor.examine_host(team_file(tmp_path, free, "mine.toml"), None)), doctor.CheckName.MAP, "gone.yaml")
+    wrong(
+        failed(doctor.examine_host(team_file(tmp_path, free, "mine.toml"), None)),
+        CheckName.MAP,
+        "gone.yaml",
+    )
 
 
 def test_robot_that_the_scenario_does_not_have(tmp_path, free) -> None:
     found = failed(doctor.examine_host(team_file(tmp_path, free, parts='"r99"'), None))
-    wrong(found, doctor.CheckName.FILE, "the scenario arena_small has no robot r99; it has r1")
+    wrong(found, CheckName.FILE, "the scenario arena_small has no robot r99; it has r1")
 
 
 def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypatch) -> None:
@@ -382,19 +385,19 @@ def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypa
 
     monkeypatch.setattr("robrain.deploy.command_line.scenario_choice.choose_scenario", refuse)
     found = failed(doctor.examine_host(team_file(tmp_path, free), None))
-    assert (found.name, found.remedy) == (doctor.CheckName.EXTRA, "pip install 'robrain[sim]'")
+    assert (found.name, found.remedy) == (CheckName.EXTRA, "pip install 'robrain[sim]'")
 
 
 @pytest.mark.slow
 def test_hub_whose_port_another_program_has(tmp_path, taken) -> None:
-    assert failed(doctor.examine_host(team_file(tmp_path, taken), None)).name is doctor.CheckName.PORT
+    assert failed(doctor.examine_host(team_file(tmp_path, taken), None)).name is CheckName.PORT
 
 
 def test_wrong_team_file_is_one_check(tmp_path) -> None:
     path = tmp_path / "team.toml"
     path.write_text('[[hosts]]\nname = "a"\n')
     [found] = doctor.examine_host(path, None)
-    wrong(found, doctor.CheckName.FILE)
+    wrong(found, CheckName.FILE)
 
 
 def test_router_that_goes_while_it_is_looked_at_is_told(endpoints, monkeypatch) -> None:
@@ -403,13 +406,13 @@ def test_router_that_goes_while_it_is_looked_at_is_told(endpoints, monkeypatch) 
 
     monkeypatch.setattr(doctor, "check_key_space", refuse)
     checks = doctor.examine_team(doctor.JoinRequest(endpoints, "default", ["r1"]))
-    assert (checks[-1].name, checks[-1].ok, checks[-1].sentence) == (doctor.CheckName.ROUTER, False, "gone")
+    assert (checks[-1].name, checks[-1].ok, checks[-1].sentence) == (CheckName.ROUTER, False, "gone")
 
 
 def test_robot_that_is_its_own_router_needs_no_other(tmp_path, free) -> None:
     path = tmp_path / "r1.toml"
     path.write_text(f'{ROBOT}[zenoh]\nlisten = ["tcp/127.0.0.1:{free}"]\n')
-    assert doctor.CheckName.ROUTER not in [check.name for check in doctor.examine_robot(path, None, None)]
+    assert CheckName.ROUTER not in [check.name for check in doctor.examine_robot(path, None, None)]
 
 
 def test_options_that_do_not_fit_the_file(tmp_path, robot_file, free) -> None:
@@ -433,13 +436,13 @@ def pki(tmp_path: Path) -> Path:
     return folder
 
 
-def look(pki: Path, wanted: Member | None = R1, now: datetime = NOW) -> doctor.Check:
+def look(pki: Path, wanted: Member | None = R1, now: datetime = NOW) -> team_checks.Check:
     return doctor.check_certificate(doctor.OwnCertificate(wanted, folder_of(pki, R1)), now)
 
 
 def test_good_certificate_is_named(pki: Path) -> None:
     found = look(pki)
-    assert (found.name, found.ok, found.remedy) == (doctor.CheckName.CERTIFICATE, True, "")
+    assert (found.name, found.ok, found.remedy) == (CheckName.CERTIFICATE, True, "")
     assert found.sentence.endswith("has the certificate of robot:blue:r1")
 
 
@@ -452,7 +455,7 @@ def test_certificate_that_soon_ends_is_good_and_has_a_remedy(pki: Path) -> None:
 
 def test_certificate_of_another_robot(pki: Path) -> None:
     found = look(pki, R2)
-    wrong(found, doctor.CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2, got that of robot:blue:r1")
+    wrong(found, CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2, got that of robot:blue:r1")
     assert "pki issue robot r2" in found.remedy
 
 
@@ -471,9 +474,9 @@ def test_a_robots_file_names_the_certificate_that_is_looked_at(pki: Path, tmp_pa
         '[robot]\nname = "r2"\nteam = "blue"\nload = []\n'
         f'[zenoh]\nconnect = ["{TLS[0]}"]\n[zenoh.tls]\nfolder = "pki/members/robot.r1"\n'
     )
-    (found,) = (check for check in doctor.examine_robot(path, None, None) if check.name is doctor.CheckName.CERTIFICATE)
+    (found,) = (check for check in doctor.examine_robot(path, None, None) if check.name is CheckName.CERTIFICATE)
     assert os.environ[TLS_VARIABLE] == str(folder_of(pki, R1))
-    wrong(found, doctor.CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2")
+    wrong(found, CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2")
 
 
 def test_each_part_of_a_machine_is_looked_at(pki: Path, tmp_path: Path) -> None:
@@ -483,7 +486,7 @@ def test_each_part_of_a_machine_is_looked_at(pki: Path, tmp_path: Path) -> None:
         '[[hosts]]\nname = "one"\naddress = "127.0.0.1"\nparts = ["r1", "dashboard"]\n'
         '[[hosts]]\nname = "two"\naddress = "127.0.0.1"\nparts = ["hub"]\n'
     )
-    found = [check for check in doctor.examine_host(path, "one") if check.name is doctor.CheckName.CERTIFICATE]
+    found = [check for check in doctor.examine_host(path, "one") if check.name is CheckName.CERTIFICATE]
     assert [check.ok for check in found] == [True, False, False]
     assert "dashboard.page" in found[1].sentence
     assert "operator.up" in found[2].sentence

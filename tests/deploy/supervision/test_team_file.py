@@ -11,13 +11,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from robrain.deploy.errors import UsageError
-from robrain.deploy.pki.issuing import CA_KEY, DAYS, MEMBERS_FILE, PkiError, read_members, renew, revoke
+from robrain.deploy.errors import PkiError, UsageError
+from robrain.deploy.pki.issuing import CA_KEY, DAYS, MEMBERS_FILE, read_members, renew, revoke
 from robrain.deploy.processes.arena_process import resumed, robot_file_of, started_again, write_resume
 from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import Part
+from robrain.deploy.supervision.site import Printed, Site
 from robrain.deploy.supervision.team_file import is_team_file, read_team_file
-from robrain.deploy.supervision.up import Printed, Site, choose_endpoint
+from robrain.deploy.supervision.up import choose_endpoint
 from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.model.geometry import Pose2D
