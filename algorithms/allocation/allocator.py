@@ -96,7 +96,7 @@ ALLOCATORS: Registry[Callable[[Objective], Allocator]] = Registry(
     "method",
     "robrain.allocators",
     {
-        OPTIMAL: "robrain.algorithms.allocation.auction:SearchedAuction",
+        OPTIMAL: "robrain.algorithms.allocation.searched_auction:SearchedAuction",
         AUCTION: "robrain.algorithms.allocation.auction:AuctionAllocator",
         GREEDY: "robrain.algorithms.allocation.auction:GreedyAllocator",
     },

@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.allocation.allocator import Allocator
 from robrain.algorithms.allocation.coupling import place_coupled
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.insertion import (
@@ -181,18 +180,6 @@ class AuctionAllocator:
             hold_auction(team, visits, routes, open_visits, rule, choice)
             drop_unprofitable(team, visits, routes, open_visits, kept)
         return plan_of(problem, arrays, routes, self.objective), _by_id(problem, reason)
-
-
-class SearchedAuction(AuctionAllocator):
-    """The auction, with PyVRP to improve its plans."""
-
-    def search(self) -> Allocator | None:
-        """See `Searching`."""
-        try:
-            from robrain.algorithms.allocation.optimal import OptimalAllocator
-        except ImportError:  # PyVRP comes with the extra `team`
-            return None
-        return OptimalAllocator(self.objective, lambda: 0.0)  # without a deadline the clock is not read
 
 
 class GreedyAllocator:

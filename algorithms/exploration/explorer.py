@@ -451,7 +451,7 @@ class Explorer:
             return None
         from robrain.algorithms.exploration.map_survey import MapSurvey
 
-        return MapSurvey(grid, candidates)
+        return MapSurvey(grid, [candidate.place for candidate in candidates])
 
     def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
         return tuple(failure.place for failure in self._failures if failure.robot == robot)

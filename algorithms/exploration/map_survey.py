@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.situation import FrontierCandidate
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.navigation_grid import clearance_m
 from robrain.algorithms.numeric.kernel_array import INT8, kernel_array
@@ -145,19 +144,19 @@ class MapSurvey:
 
     Args:
         grid: the map.
-        candidates: its frontiers.
+        frontiers: places of its frontiers, arena frame.
 
     """
 
-    def __init__(self, grid: OccupancyGrid, candidates: Sequence[FrontierCandidate]) -> None:
+    def __init__(self, grid: OccupancyGrid, frontiers: Sequence[Point2D]) -> None:
         self._grid = grid
         self._geometry = grid.geometry
-        self._candidates = candidates
+        self._frontiers = frontiers
 
     @cached_property
     def shares_m2(self) -> NDArray[np.float64]:
         """Unknown floor that is nearer to each frontier than to the others, (frontiers,), square metres."""
-        cells = [self._geometry.cell_of(one.place.x_m, one.place.y_m) for one in self._candidates]
+        cells = [self._geometry.cell_of(place.x_m, place.y_m) for place in self._frontiers]
         reach = round(SHARE_REACH_M / self._geometry.resolution_m)
         cell_m2 = self._geometry.resolution_m**2
         found = (unknown_shares(self._grid.classes(), cells, reach) * cell_m2).astype(np.float64)
@@ -167,7 +166,7 @@ class MapSurvey:
     @cached_property
     def frontier_rooms(self) -> NDArray[np.int64]:
         """The number of each frontier's room, (frontiers,); below 0 if it is in none."""
-        return np.array([self.room_of(one.place) for one in self._candidates], np.int64)
+        return np.array([self.room_of(place) for place in self._frontiers], np.int64)
 
     def room_of(self, place: Point2D) -> int:
         """The number of the room around a place; below 0 if it is in none."""

@@ -30,6 +30,8 @@ def warm_up() -> None:
     navigation.update(classes)
     found = [FrontierCandidate(geometry.center_of(one.row, one.column), 1.0) for one in find_frontiers(classes)]
     costs_m = FrontierPaths(navigation, found).costs_m
-    situation = Situation(found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapSurvey(grid, found))
+    situation = Situation(
+        found, [Seeker("r", Point2D(0.6, 1.2))], [], costs_m, floor=MapSurvey(grid, [one.place for one in found])
+    )
     for strategy in (joint, tours, rooms):
         strategy(situation)

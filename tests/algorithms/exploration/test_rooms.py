@@ -155,7 +155,7 @@ def test_map_tells_the_rooms_and_shares_of_frontiers():
     left, right = at(2.0, 3.0), at(9.9, 3.0)
     grid = OccupancyGrid(GEOMETRY)
     grid.merge_patch(0, 0, two_rooms(), 1)
-    look = MapSurvey(grid, [left, right])
+    look = MapSurvey(grid, [left.place, right.place])
     assert look.frontier_rooms[0] == look.room_of(Point2D(4.0, 2.0)) != look.frontier_rooms[1]
     assert look.room_of(Point2D(-3.0, 2.0)) < 0
     # The door belongs to one of the rooms, of 16.0 and 15.6 m².
