@@ -15,9 +15,9 @@ from pathlib import Path
 import msgspec
 
 from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
-from robrain.coordinator.journal.journal import Journal, put_aside
+from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.mending import read_record
-from robrain.coordinator.journal.salvage import journal_copy
+from robrain.coordinator.journal.salvage import journal_copy, put_aside
 from robrain.coordinator.journal.schema import APPLICATION_ID, ENDED, VERSION, is_locked, migrate
 
 PAGES_AT_A_TIME, PAUSE_S = 64, 0.005

@@ -15,7 +15,7 @@ import os
 import secrets
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -29,11 +29,21 @@ from robrain.coordinator.journal.salvage import (
     is_damage,
     move_aside,
     new_path,
+    put_aside,
     read_readable_rows,
     replace_journal,
     write_new_journal,
 )
-from robrain.coordinator.journal.schema import CHANGE_COLUMNS, ENDED, PUT_ALARM, PUT_CHANGE, is_locked, migrate
+from robrain.coordinator.journal.schema import (
+    CHANGE_COLUMNS,
+    ENDED,
+    PUT_ALARM,
+    PUT_CHANGE,
+    change_values,
+    is_locked,
+    last_change_of,
+    migrate,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
 from robrain.protocol.messages.team.standing_messages import (
     JournalAlarm,
@@ -465,8 +475,8 @@ class Journal:
     def _put_task(self, task: JournalTask) -> None:
         """Write a task of another journal and its changes, unless a later change of it is there already."""
         record = task.record
-        for change in (*task.earlier, _last_change(record)):
-            self._db.execute(PUT_CHANGE, (change.number, *_change_values(record.task.id, change)))
+        for change in (*task.earlier, last_change_of(record)):
+            self._db.execute(PUT_CHANGE, (change.number, *change_values(record.task.id, change)))
         encoded = msgspec.json.encode(record).decode()
         row = (task.number, record.task.id, record.state, record.robot, encoded, record.task.kind, record.own)
         self._db.execute(
@@ -484,7 +494,7 @@ class Journal:
         task_id = record.task.id
         cursor = self._db.execute(
             f"INSERT INTO change ({CHANGE_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?)",
-            _change_values(task_id, _last_change(record)),
+            change_values(task_id, last_change_of(record)),
         )
         written = replace(record, change=cursor.lastrowid or 0)
         self._db.execute(
@@ -588,32 +598,3 @@ class Journal:
                 raise JournalLocked(self.path, text) from error
             raise
         return connection
-
-
-def _last_change(record: TaskRecord) -> TaskChange:
-    return TaskChange(
-        number=record.change,
-        stamp_ns=record.changed_ns,
-        state=record.state,
-        robot=record.robot,
-        epoch=record.epoch,
-        why=record.why,
-        reason=record.reason,
-    )
-
-
-def _change_values(task_id: str, change: TaskChange) -> tuple[object, ...]:
-    """The values of `CHANGE_COLUMNS`."""
-    reason = msgspec.json.encode(change.reason).decode()
-    return (task_id, change.stamp_ns, change.state, change.robot, change.epoch, change.why, reason)
-
-
-def put_aside(database: sqlite3.Connection, path: Path) -> str:
-    """Write the contents of a journal to `FILE.before-N` beside it, and report it (sqlite3.OperationalError)."""
-    number = 1
-    while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
-        number += 1
-    database.execute("VACUUM INTO ?", (str(aside),))
-    with closing(sqlite3.connect(aside)) as copy, copy:
-        copy.execute("UPDATE standing SET name = ''")
-    return f"{path}: its tasks were put aside as {aside}"

@@ -244,3 +244,14 @@ def write_new_journal(salvaged: Salvaged, path: Path) -> None:
         # Of two ends of one task, which only damage can make, the first is kept.
         connection.executemany(PUT_CHANGE, ((number, *change) for number, change in salvaged.changes.items()))
         connection.execute("COMMIT")
+
+
+def put_aside(database: sqlite3.Connection, path: Path) -> str:
+    """Write the contents of a journal to `FILE.before-N` beside it, and report it (sqlite3.OperationalError)."""
+    number = 1
+    while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
+        number += 1
+    database.execute("VACUUM INTO ?", (str(aside),))
+    with closing(sqlite3.connect(aside)) as copy, copy:
+        copy.execute("UPDATE standing SET name = ''")
+    return f"{path}: its tasks were put aside as {aside}"

@@ -7,7 +7,10 @@ one manner only. Each migration is one transaction, so all or nothing.
 import sqlite3
 from pathlib import Path
 
+import msgspec
+
 from robrain.coordinator.journal.errors import JournalError
+from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 
 APPLICATION_ID = 0x726F6272
 """`robr` in ASCII: by this a file is known to be a journal (https://sqlite.org/fileformat.html#application_id)."""
@@ -135,3 +138,22 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
 def is_locked(error: sqlite3.DatabaseError) -> bool:
     """Whether another process has the journal open."""
     return error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+
+
+def last_change_of(record: TaskRecord) -> TaskChange:
+    """The last change of a task, as its record shows it."""
+    return TaskChange(
+        number=record.change,
+        stamp_ns=record.changed_ns,
+        state=record.state,
+        robot=record.robot,
+        epoch=record.epoch,
+        why=record.why,
+        reason=record.reason,
+    )
+
+
+def change_values(task_id: str, change: TaskChange) -> tuple[object, ...]:
+    """The values of `CHANGE_COLUMNS`."""
+    reason = msgspec.json.encode(change.reason).decode()
+    return (task_id, change.stamp_ns, change.state, change.robot, change.epoch, change.why, reason)
