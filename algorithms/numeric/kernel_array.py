@@ -16,6 +16,6 @@ Floats = NDArray[np.float64]
 
 def kernel_array(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """The array itself if it is of this type, contiguous by rows, aligned and writable; otherwise such a copy."""
-    if array.dtype is dtype and array.flags.carray:
+    if array.dtype == dtype and array.flags.carray:
         return array
     return np.require(array, dtype, ("C", "A", "W"))

@@ -83,6 +83,8 @@ class Process:
         self._end = end
         self._faults: dict[int, FaultSpec] = {}
         self.is_hanging = self._is_slow = False
+        self.sound: Component | None = None
+        """The component while it runs without a fault, which then steps without further checks."""
         self._true_clock = clock
         self._step_ns = 0
         self._start_ns = 0
@@ -108,6 +110,7 @@ class Process:
         self.clock = SkewedClock(self._true_clock, skew_ns) if skew_ns else self._true_clock
         try:
             self.component = self._start(self)
+            self.sound = None if self._faults else self.component
         except RobrainError as error:
             self._exchange.drop(self.name)
             self._start_ns = self._true_clock.now_ns() + RESTART_NS
@@ -125,6 +128,7 @@ class Process:
             else:
                 self.start()
         self.is_hanging, self._is_slow = self._has(FaultKind.HANG), self._has(FaultKind.SLOW)
+        self.sound = None if self._faults else self.component
         if self.component is not None and (self.is_hanging or self._is_slow):
             self._exchange.sleep(self.name)
         else:
@@ -148,7 +152,7 @@ class Process:
         """End it."""
         if self.component is not None:
             self.component.close()
-            self.component = None
+            self.component = self.sound = None
 
     def _kill(self) -> None:
         component, self.component = self.component, None

@@ -94,10 +94,14 @@ class TeamFaults:
         """
         for number, fault, begins in self.times.due(now_ns):
             self.set(number, fault, begins=begins)
-        for name in self._names:
-            if name not in paused:
-                self.processes[name].step(now_ns)
-        self.processes[COORDINATOR].step(now_ns)
+        for name in (*self._names, COORDINATOR):
+            if name in paused:
+                continue
+            process = self.processes[name]
+            if process.sound is not None:
+                process.sound.step()
+            else:
+                process.step(now_ns)
         if self._waits:
             self._record_moments(now_ns)
 

@@ -250,33 +250,6 @@ class RadioCounters(msgspec.Struct):
     """Too weak to be noticed."""
 
 
-class FadingLink:
-    """The randomness of one pair of sender and receiver."""
-
-    def __init__(self, model: RadioModel, rng: np.random.Generator, counters: RadioCounters | None = None) -> None:
-        self._model = model
-        self._per_packet_db = model.per_packet_db
-        self._rng = rng
-        self._counters = counters if counters is not None else RadioCounters()
-
-    def receive_dbm(self, expected_dbm: float) -> float | None:
-        """Strength of one packet sent now, or None if it does not arrive whole.
-
-        Args:
-            expected_dbm: mean of the distance with the shadowing of the place.
-
-        """
-        rssi_dbm = expected_dbm + self._per_packet_db * self._rng.standard_normal()
-        if self._rng.random() < self._model.arrival_probability(rssi_dbm):
-            self._counters.received += 1
-            return rssi_dbm
-        if rssi_dbm >= self._model.sensitivity_dbm - NOTICED_DB:
-            self._counters.crc_errors += 1
-        else:
-            self._counters.lost += 1
-        return None
-
-
 class FadingLinks:
     """Links of pairs, each with its own randomness, so that further pairs do not change it.
 
@@ -291,15 +264,29 @@ class FadingLinks:
         self._model = model
         self._seed = seed
         self._counters = counters
-        self._links: dict[tuple[int, ...], FadingLink] = {}
+        self._rngs: dict[tuple[int, ...], np.random.Generator] = {}
 
     def receive_dbm(self, pair: tuple[int, ...], expected_dbm: float) -> float | None:
-        """Strength of one packet between a pair, as `FadingLink.receive_dbm`."""
-        link = self._links.get(pair)
-        if link is None:
+        """Strength of one packet sent now between a pair, or None if it does not arrive whole.
+
+        Args:
+            pair: sender and receiver.
+            expected_dbm: mean of the distance with the shadowing of the place.
+
+        """
+        rng = self._rngs.get(pair)
+        if rng is None:
             seed = np.random.SeedSequence(self._seed.entropy, spawn_key=(*self._seed.spawn_key, *pair))
-            link = self._links[pair] = FadingLink(self._model, np.random.default_rng(seed), self._counters)
-        return link.receive_dbm(expected_dbm)
+            rng = self._rngs[pair] = np.random.default_rng(seed)
+        rssi_dbm = expected_dbm + self._model.per_packet_db * rng.standard_normal()
+        if rng.random() < self._model.arrival_probability(rssi_dbm):
+            self._counters.received += 1
+            return rssi_dbm
+        if rssi_dbm >= self._model.sensitivity_dbm - NOTICED_DB:
+            self._counters.crc_errors += 1
+        else:
+            self._counters.lost += 1
+        return None
 
 
 class RobotAir:

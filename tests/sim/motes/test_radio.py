@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from robrain.sim.motes.radio import FadingLink, RadioCounters, RadioModel, ShadowField
+from robrain.sim.motes.radio import FadingLinks, RadioCounters, RadioModel, ShadowField
 
 FIELDS = 2000
 
@@ -40,8 +40,8 @@ def test_shadowing_at_one_place_is_gaussian_over_the_seeds():
 
 def test_packets_of_one_link_differ_by_their_own_share():
     model = RadioModel(shadowing_db=4.0, static_share=0.75, sensitivity_dbm=-200.0)
-    link = FadingLink(model, np.random.default_rng(3))
-    strengths_dbm = [link.receive_dbm(-70.0) for _ in range(4000)]
+    links = FadingLinks(model, np.random.SeedSequence(3), RadioCounters())
+    strengths_dbm = [links.receive_dbm((1, 2), -70.0) for _ in range(4000)]
     assert np.mean(strengths_dbm) == pytest.approx(-70.0, abs=0.1)
     assert np.std(strengths_dbm) == pytest.approx(2.0, rel=0.05)
 
@@ -58,10 +58,10 @@ def test_half_of_the_packets_arrive_at_the_sensitivity_and_a_few_decibels_make_a
 def test_what_does_not_arrive_is_counted_as_broken_or_as_lost():
     model = RadioModel(shadowing_db=0.0)
     counters = RadioCounters()
-    link = FadingLink(model, np.random.default_rng(1), counters)
+    links = FadingLinks(model, np.random.SeedSequence(1), counters)
     for strength_dbm in (-60.0, -91.0, -100.0):
         for _ in range(1000):
-            link.receive_dbm(strength_dbm)
+            links.receive_dbm((1, 2), strength_dbm)
     assert counters.received == pytest.approx(1000 + 1000 * model.arrival_probability(-91.0), abs=60)
     assert counters.lost == 1000
     assert counters.received + counters.crc_errors + counters.lost == 3000
