@@ -49,8 +49,9 @@ VERBS = {
     *("taking", "tell", "telling", "tells", "told", "took", "way", "ways", "why", "whoever"),
 }
 CLASS_WORDS = VERBS | {"desk", "watch", "view"}
-STANDARD = re.compile(r"right_of_way|stand_by|take_over|look_ahead|look_up", re.IGNORECASE)
-"""Standard terms that contain such words."""
+STANDARD = re.compile(r"right_of_way|stand_?by|take_over|look_(?:ahead|at|up)|^_*why$", re.IGNORECASE)
+"""Standard terms that contain such words, and the field with the reason of a state, in words: `robrain task why`."""
+TABLE = re.compile(r"^\s*[|│├└].*$", re.MULTILINE)
 BEGINNING = re.compile(r"(?:What|Who|Whoever|As long|So many)\b(?!.*\?$)")
 PHRASE = re.compile(
     r"\b(?:anew|whoever|so many|of (?:its|their) own|as long as|lets? go of|heard of|is told|are told|tells? of)\b",
@@ -102,7 +103,7 @@ def _texts(source: str) -> Iterator[str]:
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Expr(value=ast.Constant(value=str(text))):
-                yield re.sub(r"^ *>>> .*", "", text, flags=re.DOTALL | re.MULTILINE)
+                yield TABLE.sub("\n", re.sub(r"^ *>>> .*", "", text, flags=re.DOTALL | re.MULTILINE))
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
             yield token.string.lstrip("# ")
