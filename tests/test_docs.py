@@ -20,6 +20,7 @@ from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.scenarios.scenario import Scenario
+from tests.product import FOLDERS
 
 ROOT = Path(__file__).parent.parent
 
@@ -140,3 +141,10 @@ def _python_blocks(page: str) -> list[str]:
 
 def _lines(path: str) -> list[str]:
     return (ROOT / path).read_text(encoding="utf-8").splitlines()
+
+
+def test_paths_of_the_architecture_are_there() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    named = set(re.findall(rf"`((?:{'|'.join(FOLDERS)}|tests|docs)/[\w./]+)`", text)) - {"plugins/LEVEL/"}
+    assert len(named) > 40
+    assert sorted(path for path in named if not (ROOT / path).exists()) == []
