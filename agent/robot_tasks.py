@@ -388,11 +388,11 @@ class RobotTasks:
         try:
             size = len(msgspec.json.encode(result))
         except (TypeError, msgspec.MsgspecError) as error:
-            raise ValueError(f"expected a result of {task_id} that is JSON: {error}") from error
+            raise ValueError(f"result of {task_id}: expected JSON; {error}") from error
         if size > RESULT_BYTES_MAX:
-            raise ValueError(f"expected a result of {task_id} of at most {RESULT_BYTES_MAX} bytes, got {size}")
+            raise ValueError(f"result of {task_id}: expected at most {RESULT_BYTES_MAX} bytes, got {size}")
         if len(result) > RESULT_FIELDS_MAX:
-            raise ValueError(f"expected a result of {task_id} of at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
+            raise ValueError(f"result of {task_id}: expected at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
         self._ends.append(_End(task_id, state, reason, result))
         if self.on_line is not None:
             self.on_line()

@@ -135,7 +135,7 @@ def register_text_form(
 
 
 def encode_own(value: Any) -> Any:
-    """The `enc_hook` of msgspec: a registered type as its JSON form (TypeError if it is none)."""
+    """The `enc_hook` of msgspec: JSON form of a value (TypeError if its type is not registered)."""
     form = _form_of_value(value)
     if form is None:
         kind = type(value).__name__
@@ -144,7 +144,7 @@ def encode_own(value: Any) -> Any:
 
 
 def decode_own(kind: Any, value: Any) -> Any:
-    """The `dec_hook` of msgspec: a registered type out of JSON (ValueError if it cannot be)."""
+    """The `dec_hook` of msgspec: a value from its JSON form (ValueError if invalid, TypeError if not registered)."""
     form = _form_of(kind)
     if form is None:
         raise TypeError(_unknown(kind))
@@ -152,7 +152,7 @@ def decode_own(kind: Any, value: Any) -> Any:
 
 
 def schema_of_own(kind: Any) -> dict[str, Any]:
-    """The `schema_hook` of msgspec: the JSON Schema of a registered type (TypeError if it is none)."""
+    """The `schema_hook` of msgspec: JSON Schema of a type (TypeError if it is not registered)."""
     form = _form_of(kind)
     if form is None:
         raise TypeError(_unknown(kind))

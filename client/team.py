@@ -83,13 +83,13 @@ class FreshIds:
         self._next: dict[str, int] = {}
 
     def submit(self, kind: str, submit: Callable[[str], TaskRecord], by: str) -> TaskRecord:
-        """Submit a task under the next id that is free.
+        """Submit a task under the next free id.
 
-        Another client may use an id at the same moment: then the request is refused. If that client has submitted the
-        same request, its record is the answer, with its name.
+        If another client uses the id at the same moment, the coordinator refuses the request. If both requests are
+        equal, the coordinator answers with the other client's record. In both cases the next id is tried.
 
         Args:
-            kind: of the task.
+            kind: kind of the task.
             submit: submits the task under an id.
             by: name of the requester.
 

@@ -22,14 +22,14 @@ class RobotTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
     places: list[str] = []
     """Folders with plugins, beside the stock ones; relative to the file."""
     loadable: list[str] = []
-    """Folders, besides `places`, that plugins may be loaded from by path while the robot runs; not searched at start.
+    """More folders from which plugins may be loaded by path while the robot runs. They are not searched at the start.
     Relative to the file; `~` is the home folder of the user that runs the robot."""
     load: list[str] | None = None
-    """Plugins to load, with all that they require; all that are found if absent."""
+    """Plugins to load; the plugins that they require are added. If absent, all plugins found are loaded."""
     roles: dict[str, str] = {}
-    """By plugin: the one that replaces it, such as `scan = "ld19"`, under its name and with its parameters."""
+    """Replacements of plugins, such as `scan = "ld19"`: `ld19` runs under the name `scan`, with `[parameters.scan]`."""
     consensus: bool = False
-    """Whether the robot continues without a coordinator, and allocates open tasks with the others."""
+    """Whether the robot continues without a coordinator and allocates open tasks with the other robots."""
 
     def __post_init__(self) -> None:
         try:

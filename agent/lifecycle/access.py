@@ -59,7 +59,7 @@ class AccessiblePlugin(Protocol):
         """The instance, if it may be called now (PluginInactive, PluginUnloaded if not)."""
 
     def holds(self, environment: Environment) -> bool:
-        """Whether the instance that was given this is the one that is there now."""
+        """Whether an environment belongs to the plugin's present instance."""
 
     def blame(self, error: ForeignError) -> None:
         """Its code has raised this."""

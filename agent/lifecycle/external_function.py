@@ -131,7 +131,7 @@ class Signature:
         return "" if result is None and self._returns_nothing else print_value(result)
 
     def fit_json(self, given: list[Any] | dict[str, Any]) -> Fit:
-        """The arguments out of JSON (CallError `bad_arguments`)."""
+        """Convert JSON arguments to the parameters' types (CallError `bad_arguments`)."""
         if isinstance(given, list):
             if len(given) > len(self.hints):
                 raise self._too_many(len(given))
@@ -146,7 +146,7 @@ class Signature:
         return Fit(arguments, converted, len(self.hints) - len(given))
 
     def fit_text(self, words: list[str]) -> Fit:
-        """The arguments out of text: named ones first, the others in order (CallError `bad_arguments`)."""
+        """Convert text arguments: named ones first, the others in order (CallError `bad_arguments`)."""
         named: dict[str, str] = {}
         unnamed: list[str] = []
         for word in words:

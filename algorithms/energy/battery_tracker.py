@@ -92,13 +92,13 @@ class GaugeCheck:
         """Whether to believe this measurement.
 
         Args:
-            voltage_v: as measured, like the next two.
-            current_a: positive while discharging.
-            temperature_c: of the pack.
-            since_s: time since the measurement before.
-            expected_v: the estimate's voltage at this current.
-            resistance_ohm: as estimated.
-            compares: whether to hold voltage and current against each other, and against the estimate.
+            voltage_v: measured voltage.
+            current_a: measured current, positive while discharging.
+            temperature_c: measured temperature of the pack.
+            since_s: time since the previous measurement.
+            expected_v: estimated voltage at this current.
+            resistance_ohm: estimated resistance.
+            compares: whether to compare voltage and current with each other and with the estimate.
 
         """
         wrong = self._out_of_range(voltage_v, current_a, temperature_c)

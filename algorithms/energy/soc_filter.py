@@ -52,19 +52,19 @@ class PackModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         *(10.6, 12.7, 14.07, 14.7, 14.84, 14.9, 14.99, 15.08, 15.2),
         *(15.36, 15.56, 15.78, 16.07, 16.41),
     )
-    """Open-circuit voltage at these states of charge, rising; of the pack, or of each of its `cells`."""
+    """Open-circuit voltage at the states of charge in `curve_soc`, rising; of the pack, or of each of its `cells`."""
     cells: Annotated[int, Meta(ge=1, le=CELLS_MAX)] = 1
-    """In series: `curve_v` is multiplied by this. All other figures are those of the pack."""
+    """Number of cells in series; it multiplies `curve_v`. All other figures are those of the pack."""
     curve_sd_v: NotNegative = 0.03
     """Standard deviation of a pack's curve."""
     curve_wander_s: Positive = 1800.0
     resistance_ohm: Positive = 0.13
     resistance_sd: NotNegative = 0.05
     relaxation_share: NotNegative = 0.6
-    """Resistance of the RC pair, as a share of the other."""
+    """Resistance of the RC pair, as a share of `resistance_ohm`."""
     relaxation_s: Positive = 90.0
     health: Positive = 0.93
-    """Capacity of a pack of unknown age, as a share of the rated one."""
+    """Capacity of a pack of unknown age, as a share of the rated capacity."""
     health_sd: NotNegative = 0.06
     voltage_sd_v: Positive = 0.02
     """Standard deviation of one measurement, including errors of the circuit model."""

@@ -138,7 +138,7 @@ def meet(own: Floats, track: Track, margin_m: float, within: int | None = None) 
 
 
 def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list[bool]:
-    """Whether any position of each track is within a distance of a place."""
+    """For each track, whether any of its positions is within a distance of a place."""
     if not tracks:
         return []
     positions = [track.positions for track in tracks]

@@ -195,7 +195,7 @@ class MoteTask:
 
     @property
     def result(self) -> dict[str, Any]:
-        """Its result."""
+        """Result of the task."""
         common: dict[str, Any] = {
             "mote": self.mote.name,
             "quantity": self.wanted.quantity,

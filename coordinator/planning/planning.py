@@ -359,7 +359,7 @@ class Planning:
         return any(record.task.robots > 1 and record.state is TaskState.QUEUED for record in self._builder.records())
 
     def due_together(self, now_ns: int) -> Iterator[tuple[str, list[str]]]:
-        """Tasks for several robots that all of these can begin now, by the plan."""
+        """Each task for several robots that all its planned robots can begin now, with their names."""
         robots: dict[str, list[str]] = {}
         for name in sorted(self._plan.steps) if self._plan is not None else ():
             step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)

@@ -315,7 +315,7 @@ class Per(StrEnum):
 
 
 class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[rules]]`: when a task is made, and which. It has either `[rules.reading]` or `[rules.event]`."""
+    """`[[rules]]`: a condition and the task that it triggers; either `[rules.reading]` or `[rules.event]`."""
 
     name: Name
     """Letters, digits, `_`, `-` and `.`; its tasks are called by it."""

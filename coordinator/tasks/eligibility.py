@@ -217,7 +217,7 @@ class HeldElsewhere:
                 self._until[other.id] = (other.robot, until_ns)
 
     def by(self, task_id: str, now_ns: int) -> str:
-        """The robot that may be doing a task; empty if there is none. A robot in contact reports its task itself."""
+        """The robot that may be doing a task, or an empty string. If the robot is in contact, its own state decides."""
         robot, until_ns = self._until.get(task_id, ("", now_ns))
         known = self._roster.robots.get(robot)
         if until_ns <= now_ns or known is None or known.state is None or not known.is_up(now_ns):

@@ -103,7 +103,7 @@ class Offers:
         self._asked.append(_PendingOffer(record, after, reply))
 
     def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:
-        """Ask a robot to withdraw from a task; its state reports the result."""
+        """Ask a robot to withdraw from a task. The robot's state reports the result."""
         reply = self._wire.ask_later(ROBOT_WITHDRAW, withdrawal, robot=robot, timeout_s=ASK_TIMEOUT_S)
         self._withdrawn.append(_Withdrawn(robot, withdrawal.id, reply))
 

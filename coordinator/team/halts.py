@@ -78,7 +78,7 @@ class TeamHalts:
             self._latch.release(halt.by, halt.stamp_ns)
 
     def record_state(self, state: RobotState) -> None:
-        """A robot may obey a halt that this coordinator has not received: it came later, or was cut off."""
+        """Record a halt that a robot obeys and that this coordinator missed, because it was down or disconnected."""
         if state.team_halt_ns > self._latch.stamp_ns:
             self._has_halted = True
             for holder in state.halted_by:

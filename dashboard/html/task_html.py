@@ -26,7 +26,7 @@ WIDTH, ROW, LEFT = 396, 17, 44
 
 
 def short_id(task_id: str) -> str:
-    """A task's id; of the coordinator's own tasks only the kind."""
+    """A task's id, or only its kind if the coordinator created the task."""
     return LONG_ID.sub(r"\1", task_id)
 
 

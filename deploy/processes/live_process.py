@@ -191,7 +191,7 @@ ANY_PORT = "tcp/127.0.0.1:0"
 
 
 class Place(NamedTuple):
-    """Endpoints that a process connects to or listens at; at least one of the two is empty."""
+    """Endpoints of a process: either to connect to or to listen at. At least one of the two lists is empty."""
 
     connect: list[str]
     listen: list[str]

@@ -108,9 +108,9 @@ def record(
     split_mb: Annotated[float | None, typer.Option(help="Continue in a new file after this many megabytes.")] = None,
     split_s: Annotated[float | None, typer.Option(help="Continue in a new file after this many seconds.")] = None,
     keep_gb: Annotated[
-        float | None, typer.Option(help="Remove the oldest files of this series above this many gigabytes together.")
+        float | None, typer.Option(help="Remove the oldest files of the series above this many gigabytes in total.")
     ] = None,
-    keep_days: Annotated[float | None, typer.Option(help="Remove files of this series that are older.")] = None,
+    keep_days: Annotated[float | None, typer.Option(help="Remove files of the series after this many days.")] = None,
     visual: Annotated[bool, typer.Option(help="Also write channels that Foxglove, Lichtblick and Rerun draw.")] = True,
     as_json: JsonOption = False,
     provenance: Annotated[Path | None, typer.Option(hidden=True, help="Written by `robrain up`.")] = None,
@@ -205,7 +205,7 @@ def diff(
     second: Annotated[Path, typer.Argument(help="The other recording.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Print the first message in which two runs differ, and both beside each other. Exit status 1 if they differ."""
+    """Print the first message in which two runs differ, side by side. Exit status 1 if they differ."""
     from robrain.deploy.recordings.recording_display import progress, show_difference, show_two_runs
     from robrain.recording.reader.two_runs import compare_runs, first_difference
 

@@ -365,9 +365,9 @@ class CoreWait:
         self._before: dict[str, int] | None = None
 
     def since_last_s(self) -> float:
-        """Seconds since the last call, of the thread that waited longest; 0 in the first call and where unknown.
+        """Longest wait of a thread since the last call, in seconds; 0 in the first call, or if unknown.
 
-        All threads count: the main one may wait for another that holds the interpreter's lock and waits for a core.
+        All threads count: the main thread may need the interpreter's lock while its holder waits for a core.
         """
         before, self._before = self._before, self._read_ns()
         if before is None:

@@ -71,7 +71,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
         _checked("team", self.name)
         for key in ("planning", "rules"):
             if self.scenario and getattr(self, key):
-                raise ValueError(f"{key}: expected none beside a scenario, which has its own")
+                raise ValueError(f"{key}: expected no such file, because the scenario has its own")
 
 
 class HostTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

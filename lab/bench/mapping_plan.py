@@ -191,7 +191,7 @@ def _map_of(word: str, known: dict[str, str], absent: Sequence[str]) -> tuple[st
 def _words(option: str, text: str) -> list[str]:
     words = list(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
     if not words:
-        raise UsageError(f"{option} {text!r}: expected names with commas between them")
+        raise UsageError(f"{option} {text!r}: expected names separated by commas")
     return words
 
 

@@ -90,7 +90,7 @@ def _tasks(words: str, at_s: float) -> list[Change]:
         raise UsageError(f"--task {words}: {error}") from error
     except _WRONG_USAGE as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        raise UsageError(f"--task {words}: {text.rstrip('.')}; give it as to `robrain task add`") from error
+        raise UsageError(f"--task {words}: {text.rstrip('.')}; use the options of `robrain task add`") from error
     return found
 
 

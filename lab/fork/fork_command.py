@@ -42,7 +42,7 @@ def fork(
         ),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Go on for so long; default: until the recorded run would have ended.")
+        float | None, typer.Option(help="Seconds to continue; default: until the end of the recorded run.")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="MCAP file to write; default: NAME.fork-TIME.mcap beside it.")
@@ -50,12 +50,12 @@ def fork(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
     as_json: JsonOption = False,
     show_progress: Annotated[
-        bool, typer.Option("--progress", help="With --json: also print a line with the progress now and then.")
+        bool, typer.Option("--progress", help="With --json: also print progress lines at intervals.")
     ] = False,
 ) -> None:
     """Repeat a recorded run up to a moment, compare it with the recording so far, and continue with changes from there.
 
-    Exit status 1 if the part before, or an unchanged run, is not equal to the recording.
+    Exit status 1 if the repeated part, or an unchanged run, differs from the recording.
     """
     from robrain.deploy.processes.kernels import prepare_kernels
     from robrain.lab.fork.change_words import changes_of, moment_s

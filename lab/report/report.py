@@ -300,7 +300,7 @@ def write_report(
     """Write `folder/report.html` and a file for each figure; files of an earlier report there are replaced.
 
     Args:
-        recordings: one, or several that are compared; several seeds by mean and interval.
+        recordings: one recording, or several to compare; several seeds are compared by mean and interval.
         folder: made if it is not there.
         on_progress: called with the share that is done, 0 to 1.
         forms: formats of the figures' files: `svg`, `pdf`, `png`.

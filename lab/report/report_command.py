@@ -24,7 +24,7 @@ def report(
     ] = "svg",
     as_json: JsonOption = False,
 ) -> None:
-    """Write a page of plots of a run, or compare several runs; several seeds by mean and interval."""
+    """Write a page of plots of one or several runs; several seeds are compared by mean and interval."""
     from robrain.deploy.command_line.terminal import results
     from robrain.deploy.recordings.recording_display import progress, shown
     from robrain.lab.report.report import write_report

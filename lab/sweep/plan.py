@@ -122,7 +122,7 @@ def full_key(key: str) -> str:
     """The key of the scenario file for a given name, such as `links.range_m` or `tasks.0.priority`.
 
     Raises:
-        UsageError: there is none, or it is not varied. The keys of tables are checked where the values are.
+        UsageError: the key is unknown or cannot be varied. Keys within tables are checked when their values are set.
 
     """
     full = SHORT.get(key, key)

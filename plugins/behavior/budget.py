@@ -112,7 +112,7 @@ class Budget:
         return None, 0.0 if start is None else self._path_m(place, start)
 
     def routes(self, place: Point2D, chargers: Sequence[ChargerPlace]) -> list[tuple[ChargerPlace, float]]:
-        """The paths from a place to the nearest of these by straight line."""
+        """The chargers nearest to a place by straight line, each with the length of the path to it."""
         nearest = sorted(chargers, key=lambda charger: place.distance_m(charger.place))[:NEAREST]
         return [(charger, self._path_m(place, charger.place)) for charger in nearest]
 

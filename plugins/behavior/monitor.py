@@ -61,11 +61,11 @@ def colors_of(png: bytes) -> Colors:
 
 
 def changed_share(before: Colors, now: Colors, view_rad: float = VIEW_RAD) -> float:
-    """Share of the picture that has changed, 0 to 1; 1 if the pictures are not of one size.
+    """Changed share of the picture, 0 to 1; 1 if the two pictures differ in size.
 
     Args:
-        before: as of `colors_of`.
-        now: the same.
+        before: earlier picture, as returned by `colors_of`.
+        now: later picture, in the same form.
         view_rad: the camera's horizontal angle of view.
 
     """

@@ -51,12 +51,12 @@ RATE_MAX_RAD_S = 40.0
 
 
 class Mounting:
-    """Turns measurements of the unit into the robot's frame.
+    """Converts the IMU's measurements into the robot's frame.
 
     Args:
-        upside_down: its z axis points down.
-        yaw_rad: direction of its x axis, robot's frame; for the accelerations alone.
-        yaw_sign: -1 for a unit whose rate is positive to the right.
+        upside_down: whether the IMU's z axis points down.
+        yaw_rad: direction of the IMU's x axis in the robot's frame; affects only the accelerations.
+        yaw_sign: -1 for an IMU whose rate is positive to the right.
 
     """
 

@@ -77,7 +77,7 @@ class InteractiveShell(Unit):
         enabled: bool = False
         """Off by default: an agent usually runs as a service, without a terminal."""
         terminal: str = "/dev/tty"
-        """Device of the terminal; the one that the agent was started from, or a serial line as `/dev/ttyS0`."""
+        """Device of the terminal: `/dev/tty` is the terminal that started the agent, `/dev/ttyS0` a serial line."""
 
     parameters: Parameters
 

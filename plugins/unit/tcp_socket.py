@@ -121,7 +121,7 @@ class LineServer:
         self._idle_s = idle_s
         self._clients: dict[socket.socket, _Client] = {}
         self.refused = 0
-        """Number of clients disconnected because all places were taken."""
+        """Number of clients disconnected because `max_clients` were connected."""
         self._reported_s = -math.inf
         self._guard = threading.Lock()
         self._closing = False
@@ -306,6 +306,6 @@ class TcpSocket(Unit):
     @external
     @unlocked
     def refused(self) -> int:
-        """Number of clients that came when all places were taken."""
+        """Number of clients refused because `max_clients` were connected."""
         server = self._server
         return server.refused if server is not None else 0

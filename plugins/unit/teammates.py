@@ -315,11 +315,11 @@ class Teammates(Unit):
         """
 
         fresh_s: Positive = 2.0
-        """Time of silence after which a robot is lost: an obstacle at its last place."""
+        """Time of silence after which a robot counts as lost, and as an obstacle at its last place."""
         remember_s: Positive = 60.0
         """Time after which a lost robot is forgotten; by then the lidar has mapped it if it is still there."""
         stalled_s: Positive = 4.0
-        """Time without motion after which a driving robot that waits for no other is an obstacle as well."""
+        """Time without motion after which a driving robot counts as an obstacle, unless it waits for another robot."""
         speed_m_s: Positive = 0.6
         """Speed assumed for a robot that does not publish one."""
 

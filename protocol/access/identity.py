@@ -93,7 +93,7 @@ def read_identity(folder: Path, now: datetime | None = None) -> Identity:
     try:
         own.verify_directly_issued_by(issuer)
     except Exception as error:  # by any of cryptography's classes: not signed by it
-        raise WireError(f"{where}: the certificate of {found} is not of the CA in {folder / CA}") from error
+        raise WireError(f"{where}: the CA in {folder / CA} did not sign the certificate of {found}") from error
     if own.public_key() != key.public_key():
         raise WireError(f"{folder / KEY}: expected the key of {where}, got another")
     return Identity(folder, found, own.not_valid_before_utc, own.not_valid_after_utc)

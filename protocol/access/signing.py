@@ -31,7 +31,7 @@ class SignedKey(NamedTuple):
 
 
 def is_signed(row: WireKey) -> bool:
-    """Whether a row's keys must contain the sender, because no other part of them does."""
+    """Whether the keys of a row need a signature, because their pattern does not name the sender."""
     if isinstance(row, Query):
         return not row.reads_only and row.name not in OF_THE_ROBOT_ITSELF
     if not isinstance(row, Topic):

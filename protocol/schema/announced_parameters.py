@@ -68,7 +68,7 @@ def _count_parts(part: Any, whole: Schema, path: tuple[str, ...], left: int) -> 
     if left <= 0:
         raise _Unusable(f"has more than {PARTS_MAX} parts when unfolded")
     if len(path) > DEPTH_MAX:
-        raise _Unusable(f"is nested deeper than {DEPTH_MAX}")
+        raise _Unusable(f"is nested deeper than {DEPTH_MAX} levels")
     left -= 1
     if unknown := sorted(part.keys() - KEYWORDS):
         raise _Unusable(cut(f"uses {unknown[0]}, which is not supported", WORDS_MAX))

@@ -64,7 +64,7 @@ OTHER_ERRORS = {
     ErrorCode.FORBIDDEN: "The plugin may not be called from outside.",
     ErrorCode.HALTED: "The plugin is halted.",
     ErrorCode.INACTIVE: "The plugin does not run.",
-    ErrorCode.REFUSED: "It is understood and not done; the message says why.",
+    ErrorCode.REFUSED: "The request is valid but refused; the message contains the reason.",
 }
 
 

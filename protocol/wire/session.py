@@ -224,7 +224,7 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def listening_at(session: zenoh.Session) -> list[str]:
-    """The endpoints that a router session is bound to, with the real port where 0 was asked for."""
+    """The endpoints at which a router session listens, with the actual port if port 0 was requested."""
     zid = session.zid()
     for reply in session.get(f"@/{zid}/router", timeout=LISTENING_TIMEOUT_S):
         if reply.ok is not None:

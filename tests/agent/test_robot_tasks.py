@@ -194,7 +194,7 @@ def test_what_a_behavior_does_of_its_own_accord_gives_way_to_a_task(desk, explor
 @pytest.mark.parametrize("result", [{"image": b"x" * 2000}, {"list": list(range(600))}, {"what": object()}])
 def test_a_result_that_is_no_small_json_is_refused_where_it_is_told(desk, explorer, result):
     desk.offer(offer(), 0)
-    with pytest.raises(ValueError, match="expected a result of t1"):
+    with pytest.raises(ValueError, match="result of t1: expected"):
         desk.end("t1", TaskState.DONE, "", result)
     assert desk.status.state is TaskState.RUNNING
 

@@ -241,7 +241,7 @@ def _other_ca(pki: Path) -> None:
         (lambda pki: (folder_of(pki, ROBOT) / CERTIFICATE).write_text("x"), 0, "expected a certificate in PEM"),
         (lambda pki: (folder_of(pki, ROBOT) / KEY).write_text("x"), 0, "expected a private key in PEM"),
         (lambda pki: _swap(pki, KEY), 0, "key.pem: expected the key of"),
-        (_other_ca, 0, "the certificate of robot:r1 is not of the CA in"),
+        (_other_ca, 0, "ca.pem did not sign the certificate of robot:r1"),
         (lambda pki: (folder_of(pki, ROBOT) / CERTIFICATE).write_bytes((pki / CA).read_bytes()), 0,
          "expected the common name ROLE:TEAM:NAME, got robrain CA of blue"),
     ],

@@ -39,7 +39,7 @@ def _section(manifest: Manifest, plugin: type[Plugin], common: Struct | None) ->
     period = getattr(plugin, "period_s", None)
     stem = manifest.path.stem
     facts = [
-        ("takes the place of", f"`{manifest.name}`, if `[robot.roles]` says so" if stem != manifest.name else ""),
+        ("replaces", f"`{manifest.name}`, if `[robot.roles]` selects it" if stem != manifest.name else ""),
         ("period", f"{period:g} s" if isinstance(period, float | int) and period else ""),
         ("requires", _names(tag.requires)),
         ("visible to", _names(tag.visibility)),

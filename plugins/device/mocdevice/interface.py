@@ -72,12 +72,12 @@ class MocDeviceInterface(Protocol):
         """`pose` and `is_fresh` in one call, for users that poll many times a second."""
 
     def pose_at(self, stamp_ns: int) -> Pose2D:
-        """T_odom_robot at a time within the last five seconds; after `odometry_until_ns` it is the newest pose."""
+        """T_odom_robot at a time within the last five seconds; the newest pose for times after `odometry_until_ns`."""
 
     def odometry_until_ns(self) -> int:
         """Time of measurement of the newest wheel counts, robot's clock; 0 before the first.
 
-        For a later time `pose_at` returns the pose at this one.
+        For a later time, `pose_at` returns the pose at this time.
         """
 
     def velocity(self) -> Twist2D:

@@ -71,10 +71,10 @@ class CheckedTopic(Generic[T]):
     """A subscription whose messages are checked as they leave the inbox.
 
     Args:
-        link: the node; not released with the topic.
+        link: the node; `close` does not release it.
         kind: the message's class.
-        topic: its full name.
-        read: stamp (0 if it has none) and value of a message (ValueError if it is not believed).
+        topic: full name of the topic.
+        read: returns stamp (0 if absent) and value of a message (ValueError if the message is implausible).
         on_arrival: called after each message, on the thread of the node.
 
     """

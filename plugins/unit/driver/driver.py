@@ -169,7 +169,7 @@ class Driver(OnBase):
         patience_s: Positive = 10.0
         """Time behind an obstacle after which an action fails."""
         hand_lease_s: Positive = 0.1
-        """Driven by hand, the wheels are stopped this long after the last command; at most 2 s."""
+        """Time from the last command of driving by hand to the stop of the wheels; at most 2 s."""
         hand_speed_m_s: Positive = 0.25  # with `hand_lease_s`, the robot stands 0.3 s after the last command
         hand_turn_rate_rad_s: Positive = 1.0
         odometry: OdometryNoise = OdometryNoise(
@@ -271,7 +271,7 @@ class Driver(OnBase):
 
     @external
     def move(self, forward_m_s: Speed, left_m_s: Speed, yaw_rad_s: Speed, lease: Count) -> None:
-        """Drive by hand at this velocity, body frame, until the lease lapses; this renews it. Zero ends it.
+        """Drive by hand at this velocity, body frame, until the lease lapses. Each call renews it; zeros end it.
 
         The robot still stops before obstacles. Paths given meanwhile wait; actions are cancelled.
         """

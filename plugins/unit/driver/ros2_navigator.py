@@ -192,7 +192,7 @@ class Ros2Navigator(OnBase):
         frame: str = "odom"
         """Frame of the odometry that `ros2_base` receives."""
         goal_step_m: Positive = 0.15
-        """A goal nearer than this to the one before, and within `goal_step_rad`, is not sent."""
+        """A goal is sent if it differs from the previous goal by at least this distance or `goal_step_rad`."""
         goal_step_rad: Positive = 0.5
         retry_s: Positive = 1.0
         """Time after which a goal that has failed is sent again."""

@@ -195,11 +195,11 @@ class SNwExploration(Unit):
         acknowledge_every: PositiveInt = 8
         duty_tries: PositiveInt = 20
         beacon_s: Positive = 1.0
-        """Time between two beacons; with every second one the robot publishes its received motes and robots."""
+        """Time between two beacons. With every second beacon, the robot publishes its received motes and robots."""
         link_fresh_s: Positive = 5.0
         """Time of silence, or three periods of a mote, after which a link is no longer published."""
         store_readings: NotNegativeInt = 0
-        """Readings that it stores while there is no coordinator, and forwards later; 0: it publishes them at once."""
+        """Number of readings to store while there is no coordinator, for later; 0: readings are published at once."""
 
     interface = SnwInterface
     period_s = 0.05
@@ -248,7 +248,7 @@ class SNwExploration(Unit):
 
     @external
     def robots(self) -> list[ReceivedRobot]:
-        """The robots whose base stations this one has received, by name."""
+        """The robots whose base stations this robot has received, by name."""
         return self._links.heard()
 
     @external
@@ -440,13 +440,13 @@ class SNwExploration(Unit):
 def wire_reading(
     reading: ReadingPayload, via: str, stamp_ns: int, route: ForwardedPayload | None = None
 ) -> MoteReading:
-    """A reading as it is published to the team.
+    """The message that publishes a reading to the team.
 
     Args:
-        reading: as the base station received it.
-        via: whose base station.
+        reading: payload that the base station received.
+        via: name of the base station's robot or gateway.
         stamp_ns: time of the reception.
-        route: how the reading came, if other motes have passed it on.
+        route: hops and forwarder, if other motes forwarded the reading.
 
     """
     return MoteReading(

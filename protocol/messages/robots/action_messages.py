@@ -20,7 +20,7 @@ class Outcome(StrEnum):
 
 
 class ActionProgress(msgspec.Struct, frozen=True, kw_only=True):
-    """How far an action is; at most twice a second."""
+    """Progress of an action, published at most twice a second."""
 
     action: str
     share: float

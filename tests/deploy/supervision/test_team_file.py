@@ -98,7 +98,7 @@ def test_ipv6_address_stands_in_brackets(tmp_path) -> None:
         ('scenario = "depot"', "", "team.scenario: expected a scenario for the part arena"),
         ("7000", "70000", "team: expected port"),
         ("7000", '"7000"', "team.port: Expected `int`, got `str`"),
-        ("port = 7000", 'rules = "x.toml"', "team: rules: expected none beside a scenario"),
+        ("port = 7000", 'rules = "x.toml"', "team: rules: expected no such file, because the scenario has its own"),
         ("port = 7000", "prot = 7000", "team: unknown key `prot` (did you mean `port`?)"),
         ("[[hosts]]", "[[hosts", "is not TOML"),
         ('[team]\n', '[robots]\nr9 = "r9.toml"\n[team]\n', "robots.r9: expected a file"),

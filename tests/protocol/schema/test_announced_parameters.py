@@ -94,7 +94,7 @@ def nested(depth: int) -> dict:
         ({"$ref": "https://example.org/s.json"}, "refers to https://example.org/s.json, which is not in its $defs"),
         ({"$ref": "#/$defs/a", "$defs": {"a": {"anyOf": [{"$ref": "#/$defs/a"}]}}}, "refers to #/$defs/a in a circle"),
         (doubling(14), f"has more than {PARTS_MAX} parts when unfolded"),
-        (nested(40), "is nested deeper than 32"),
+        (nested(40), "is nested deeper than 32 levels"),
         ({"properties": {"a": {"type": "nonsense"}}}, "is no JSON Schema: 'nonsense' is not valid"),
         ({"properties": {"a": 1}}, "has a part that is neither an object nor true or false"),
         ({"dependentSchemas": {}}, "uses dependentSchemas, which is not supported"),
