@@ -164,7 +164,7 @@ class Inbox:
             if received is None:
                 self.refused += 1
                 continue
-            if shared is not None and not shared:
+            if shared is not None and not shared and not topic.is_timed:  # other readers may have other clocks
                 shared.append(received)
             read.append(received)
         return read

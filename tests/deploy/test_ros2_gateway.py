@@ -104,7 +104,7 @@ class KeptReader:
     def __init__(self) -> None:
         self.waiting: list[Any] = []
 
-    def take(self) -> list[ReceivedMessage[Any]]:
+    def read(self) -> list[ReceivedMessage[Any]]:
         waiting, self.waiting = self.waiting, []
         return [ReceivedMessage(message, 0, bytes(16), 1) for message in waiting]
 

@@ -226,3 +226,18 @@ def test_of_a_batch_only_the_message_that_raises_is_set_aside(clock) -> None:
     assert handled == {"a", "b"}
     (one,) = found.counts()
     assert (one.topic, one.key, one.code) == ("halt", "t/bad", "failed")
+
+
+def test_readers_of_one_message_convert_its_times_each_to_their_own_clock() -> None:
+    session = open_lockstep_session()
+    clocks = [VirtualClock(), VirtualClock()]
+    clocks[1].advance_to(to_ns(20.0))
+    wires = [Endpoint(session, "default", clock, Drive.LOCKSTEP) for clock in clocks]
+    inboxes = [Inbox(), Inbox()]
+    for wire, inbox in zip(wires, inboxes, strict=True):
+        wire.subscribe(inbox, ROBOT_EVENT, robot="r1")
+    wires[1].publisher(ROBOT_EVENT, robot="r1", plugin="p", event="e").put(Event(robot="r1", plugin="p", event="e"))
+    (first,), (second,) = (inbox.drain() for inbox in inboxes)
+    assert (first.message.stamp_ns, second.message.stamp_ns) == (0, to_ns(20.0))
+    for wire in wires:
+        wire.close()

@@ -85,7 +85,7 @@ def test_the_info_tells_length_counts_and_digest(session: zenoh.Session, tmp_pat
 def test_a_file_cut_anywhere_gives_its_first_messages_and_its_provenance(recording: Path) -> None:
     whole = list(read_messages(recording))
     size_bytes = recording.stat().st_size
-    front_bytes = len(PROVENANCE.scenario_toml) + len(PROVENANCE.map_png or b"") + 700
+    front_bytes = len(PROVENANCE.scenario_toml) + len(PROVENANCE.map_png or b"") + 800
     seen = set()
     for kept_bytes in range(front_bytes, size_bytes, 7):
         truncated = cut(recording, kept_bytes)

@@ -69,7 +69,7 @@ if __name__ == "__main__":
     watch(localiser, "match_surface", "better_elsewhere")
     watch(map_overlap, "search_places")
     watch(map_overlap, "match_walls", "least_solution")
-    watch(PoseMixture, "hear", "_weigh")
+    watch(PoseMixture, "receive", "_weigh")
     watch(PowerLearner, "learn")
     watch(Camera, "picture")
     watch(RadioModel, "mean_rssi_dbm_of")

@@ -231,7 +231,7 @@ def judge(path: Path, accepted: list[str], done: set[tuple[str, str, int]]) -> d
     """What must hold of the journal at the end, whatever was killed."""
     journal = Journal(path)
     try:
-        assert journal.told == []
+        assert journal.opening_report == []
         records = {record.task.id: record for record in journal.select(TaskFilter(limit=100_000))}
         missing = [name for name in accepted if name not in records]
         assert not missing, f"accepted, and lost: {missing}"

@@ -1,7 +1,7 @@
 """What a coordinator that was elected may do while links are cut and processes are killed."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import msgspec
 import pytest
@@ -90,6 +90,9 @@ class Team:
         yield
         self.run.team_faults.set(number, fault, begins=False)
 
+    def close(self) -> None:
+        self.run.close()
+
     def mandate(self, site: str):
         return self.run.site(site).coordinator.part(ElectedLeadership).mandate
 
@@ -106,7 +109,7 @@ def team() -> Iterator[Team]:
         assert team.run.leading() == [COORDINATOR]
         assert team.journals() == [{FIRST, SECOND}] * 3
         yield team
-        team.run.close()
+        team.close()
 
 
 def test_the_witnesses_learn_that_it_goes_on_alone_before_anything_is_acknowledged(team: Team) -> None:
@@ -214,20 +217,16 @@ def test_a_stand_by_that_could_not_be_elected_is_not_depended_on(team: Team) -> 
 
 
 def test_one_that_does_not_lead_sends_no_robot_to_charge() -> None:
-    with quiet():
-        charge_in_a_cut(Team(AUCTION))
-
-
-def charge_in_a_cut(team: Team) -> None:
-    team.pass_s(6.0)
-    with team.cut(COORDINATOR, OPERATOR, "r1"):
-        team.pass_s(4.0)
-        team.run.robots["r1"].energy_j = 0.15 * CAPACITY_J
-        for _ in range(12):
-            team.pass_s(0.5)
-            assert team.run.site(COORDINATOR).coordinator.tasks.of_robot("r1") is None
-    team.pass_s(6.0)
-    assert team.run.leader.tasks.of_robot("r1") is not None
+    with quiet(), closing(Team(AUCTION)) as team:
+        team.pass_s(6.0)
+        with team.cut(COORDINATOR, OPERATOR, "r1"):
+            team.pass_s(4.0)
+            team.run.robots["r1"].energy_j = 0.15 * CAPACITY_J
+            for _ in range(12):
+                team.pass_s(0.5)
+                assert team.run.site(COORDINATOR).coordinator.tasks.of_robot("r1") is None
+        team.pass_s(6.0)
+        assert team.run.leader.tasks.of_robot("r1") is not None
 
 
 def test_one_that_robots_do_not_hear_stops_before_its_stand_by_may_be_elected(team: Team) -> None:

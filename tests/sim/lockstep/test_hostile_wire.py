@@ -56,7 +56,8 @@ class Team:
 
     def refused(self, topic: str) -> int:
         """How many messages of a topic all have refused."""
-        refusals = [*(one.refusals for one in self.listeners()), self.run._recorder._refusals]
+        others = [self.run.coordinator.refusals, self.run._recorder._refusals]
+        refusals = [*(one.refusals for one in self.listeners()), *others]
         counts = {id(one): one.counts() for one in refusals}
         return sum(
             each.count for one in counts.values() for each in one if each.topic == topic and each.code in REFUSED_CODES
