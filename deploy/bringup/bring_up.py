@@ -24,11 +24,11 @@ from robrain.deploy.bringup.bench import (
     has_imu,
 )
 from robrain.deploy.bringup.findings import (
+    BringUpOperator,
     BringUpReport,
     CheckFinding,
     CheckStep,
     FindingKind,
-    Operator,
     Patch,
     conclude,
 )
@@ -186,7 +186,7 @@ class BringUp:
         self,
         path: Path,
         bench: Bench,
-        operator: Operator,
+        operator: BringUpOperator,
         on_finding: Callable[[CheckFinding], None],
         robot_file: RobotFile | None = None,
     ) -> None:

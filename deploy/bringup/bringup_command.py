@@ -16,7 +16,7 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, TlsTable, folder_of, read_robot_file
 from robrain.deploy.bringup.bench import START_S, Bench, DeviceAbsent, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions
-from robrain.deploy.bringup.findings import CheckFinding, Operator, TerminalOperator
+from robrain.deploy.bringup.findings import BringUpOperator, CheckFinding, TerminalOperator
 from robrain.deploy.command_line.output import print_json, print_message
 from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
@@ -114,7 +114,7 @@ def bringup_command(robot: Path, connect: str | None, wanted: BringUpOptions, *,
     robot_file = read_robot_file(robot)
     if not yes and not sys.stdin.isatty():
         raise UsageError("bringup asks a person beside the robot: run it at a terminal, or with --yes")
-    operator = Operator() if yes else TerminalOperator()
+    operator = BringUpOperator() if yes else TerminalOperator()
     signal.signal(signal.SIGTERM, _interrupt)
     with ExitStack() as stack:
         session = stack.enter_context(closing(_open(robot_file, robot.parent, connect)))

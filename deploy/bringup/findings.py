@@ -12,7 +12,7 @@ import msgspec
 from robrain.deploy.command_line.output import print_message
 
 
-class Operator:
+class BringUpOperator:
     """The person beside the robot; this one gives the default answers, and wheels turn as they are commanded."""
 
     def prepare(self, what: str) -> None:
@@ -34,15 +34,15 @@ class Operator:
         return 0.0
 
 
-class TerminalOperator(Operator):
+class TerminalOperator(BringUpOperator):
     """Asks on stderr, and reads lines of stdin; raises EOFError at its end."""
 
     def prepare(self, what: str) -> None:
-        """As Operator."""
+        """As BringUpOperator."""
         self._read(f"{what}, then press Enter (Ctrl-C ends) ")
 
     def choose(self, question: str, choices: Mapping[str, str], default: str) -> str:
-        """As Operator."""
+        """As BringUpOperator."""
         print_message(question)
         for key, meaning in choices.items():
             print_message(f"  {key:<3} {meaning}{'  (Enter)' if key == default else ''}")
@@ -53,7 +53,7 @@ class TerminalOperator(Operator):
             print_message(f"expected one of {', '.join(choices)}")
 
     def number(self, question: str) -> float:
-        """As Operator."""
+        """As BringUpOperator."""
         while True:
             answer = self._read(f"{question}: ").strip()
             try:

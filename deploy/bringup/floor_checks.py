@@ -20,7 +20,7 @@ from robrain.algorithms.localization.wheel_calibration import (
 from robrain.algorithms.navigation.wheel_bases import Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.deploy.bringup.bench import IMU, LIDAR, START_S, Bench, MotionFailed, Record, Rest, Straight, TurnOnSpot
-from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Operator, Patch, conclude
+from robrain.deploy.bringup.findings import BringUpOperator, CheckFinding, CheckStep, FindingKind, Patch, conclude
 from robrain.deploy.bringup.wheel_checks import base_patch
 from robrain.plugins.device.imu import ImuSample
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
@@ -328,7 +328,7 @@ def side_m(view: PosedScan, radius_m: float) -> float:
     return 0.0
 
 
-def check_square(bench: Bench, operator: Operator, *, rounds: int, measured: bool) -> list[CheckFinding]:
+def check_square(bench: Bench, operator: BringUpOperator, *, rounds: int, measured: bool) -> list[CheckFinding]:
     """Drive squares to the left and to the right.
 
     Args:
@@ -357,7 +357,7 @@ def check_square(bench: Bench, operator: Operator, *, rounds: int, measured: boo
 
 
 def _drive_square(
-    bench: Bench, before: PosedScan, side: float, corner_rad: float, operator: Operator | None
+    bench: Bench, before: PosedScan, side: float, corner_rad: float, operator: BringUpOperator | None
 ) -> tuple[SquareEnd, PosedScan]:
     """One square; where it really ended less where it did by odometry, in the frame of its start (NoSight)."""
     scans: list[LaserScan] = []

@@ -29,7 +29,7 @@ from robrain.deploy.bringup.bench import (
     StopMode,
     TurnWheels,
 )
-from robrain.deploy.bringup.findings import CheckFinding, CheckStep, FindingKind, Operator, Patch, conclude
+from robrain.deploy.bringup.findings import BringUpOperator, CheckFinding, CheckStep, FindingKind, Patch, conclude
 from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base import LineWords
@@ -205,7 +205,7 @@ class WheelEffect(NamedTuple):
         return self.direction if self.ratio > 0 else -self.direction
 
 
-def check_wheels(bench: Bench, operator: Operator, base: WheelDevice.Parameters) -> list[CheckFinding]:
+def check_wheels(bench: Bench, operator: BringUpOperator, base: WheelDevice.Parameters) -> list[CheckFinding]:
     """Turn each wheel a little, to find its encoder, its direction, and its turn."""
     names, speed = wheel_names(base.base), WHEEL_SPEED_RAD_S
     effects: list[WheelEffect] = []
@@ -302,7 +302,7 @@ def check_battery(bench: Bench) -> CheckFinding:
     return battery(FindingKind.RIGHT, f"{voltage_v:.1f} V, {current_a:.2f} A", values=values)
 
 
-def _turned_wheel(operator: Operator, names: tuple[str, ...], index: int, direction: str) -> str:
+def _turned_wheel(operator: BringUpOperator, names: tuple[str, ...], index: int, direction: str) -> str:
     """Answer of the person: YES, BACKWARDS, NONE, AGAIN, or the number of another wheel, with BACKWARDS behind it."""
     choices = {YES: f"{names[index]}, {direction}", BACKWARDS: f"{names[index]}, the other way round"}
     for other, name in enumerate(names):

@@ -5,6 +5,7 @@ its place. Both costs are at the 95 % bound of the robot's own estimate.
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import msgspec
@@ -129,7 +130,7 @@ def length_m(points: Sequence[Point2D]) -> float:
     >>> length_m([Point2D(0.0, 0.0), Point2D(3.0, 4.0), Point2D(3.0, 5.0)])
     6.0
     """
-    return sum(one.distance_m(other) for one, other in itertools.pairwise(points))
+    return sum(math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) for one, other in itertools.pairwise(points))
 
 
 class Docks:

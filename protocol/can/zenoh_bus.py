@@ -72,9 +72,9 @@ class Segment:
     _of_key: ClassVar["WeakValueDictionary[tuple[str, str], Segment]"] = WeakValueDictionary()
 
     def __init__(self) -> None:
-        self._owner = get_ident()
+        self.owner = get_ident()
         self._nodes: list[Node] = []
-        self._routes: dict[tuple[bytes, int], list[Node]] = {}
+        self.routes: dict[tuple[bytes, int], list[Node]] = {}
 
     @classmethod
     def of(cls, session: str, key: str) -> "Segment":
@@ -87,39 +87,24 @@ class Segment:
     def join(self, node: Node) -> None:
         """Have a node receive from now on."""
         self._nodes.append(node)
-        self._routes.clear()
+        self.routes.clear()
 
     def leave(self, node: Node) -> None:
         """Have it receive no more."""
         if node in self._nodes:
             self._nodes.remove(node)
-        self._routes.clear()
+        self.routes.clear()
 
     def forget_filters(self) -> None:
         """A node's filters have changed."""
-        self._routes.clear()
+        self.routes.clear()
 
-    def deliver(self, payload: bytes, sender: Node) -> None:
-        """Hand a node's frame to the nodes that want it."""
-        identifier = payload[IDENTIFIER]
-        route = self._routes.get((identifier, id(sender)))
-        if route is None:
-            route = self._route(identifier, sender)
-        if len(payload) > CLASSIC_BYTES or payload[STAMP] == NO_STAMP or get_ident() != self._owner:
-            for node in route:
-                node.accept(payload)
-            return
-        for node in route:  # as `accept` does with nearly all
-            node.dropped += len(node.frames) == node.frames.maxlen
-            node.frames.append(payload)
-            if node.on_frame is not None:
-                node.on_frame()
-
-    def _route(self, identifier: bytes, sender: Node) -> list[Node]:
-        if len(self._routes) >= ROUTES_MAX:
-            self._routes.clear()
+    def find_route(self, identifier: bytes, sender: Node) -> list[Node]:
+        """The nodes that want frames with an identifier from a sender."""
+        if len(self.routes) >= ROUTES_MAX:
+            self.routes.clear()
         route = [node for node in self._nodes if node.wants(identifier, sender)]
-        self._routes[identifier, id(sender)] = route
+        self.routes[identifier, id(sender)] = route
         return route
 
 
@@ -321,8 +306,21 @@ class ZenohBus(can.BusABC):
                     self._publisher.put(payload)
         except zenoh.ZError as error:
             raise can.CanOperationError(f"{self.channel_info}: its session is closed") from error
-        if self._segment is not None and self._exchange is not None:
-            self._segment.deliver(payload, self)
+        segment = self._segment
+        if segment is not None and self._exchange is not None:
+            identifier = payload[IDENTIFIER]
+            route = segment.routes.get((identifier, id(self)))
+            if route is None:
+                route = segment.find_route(identifier, self)
+            if len(payload) > CLASSIC_BYTES or payload[STAMP] == NO_STAMP or get_ident() != segment.owner:
+                for node in route:
+                    node.accept(payload)
+            else:
+                for node in route:  # as `accept` does with nearly all
+                    node.dropped += len(node.frames) == node.frames.maxlen
+                    node.frames.append(payload)
+                    if node.on_frame is not None:
+                        node.on_frame()
             if self._exchange.routes.get(self._key) is not NOBODY:  # only nodes receive most frames
                 self._exchange.deliver(self._exchange.infrastructure, ARENA_CAN, self._key, payload)
 

@@ -32,16 +32,18 @@ from robrain.protocol.answers.asked import Answer, Asked
 from robrain.protocol.answers.local_query import Gathering, LocalQuery
 from robrain.protocol.border.border import Incoming
 from robrain.protocol.clock import Clock, VirtualClock, to_ns
-from robrain.protocol.links.declared import Declared, Entry, is_wild
 from robrain.protocol.links.inbox import Inbox, Sample
 from robrain.protocol.links.receivers import (
     NOBODY,
+    Declared,
+    Entry,
     KeyRoute,
     Party,
     Queryable,
     Subscription,
     Watcher,
     deliver_rest,
+    is_wild,
     route_of,
 )
 from robrain.protocol.messages.team.arena_messages import LinkCounters

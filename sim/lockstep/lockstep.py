@@ -104,7 +104,7 @@ class LockstepRun:
         """Reasons why robots are idle, by name, as last published by the coordinator."""
         self.mote_readings = 0
         self.wall_overlap_m = 0.0
-        self.tick_s = world.tick_s
+        self.tick_s, self._tick_ns = world.tick_s, to_ns(world.tick_s)
         """Duration of a tick."""
         self._watch_ticks = max(1, round(WATCH_S / self.tick_s))
         self._ticks = 0
@@ -332,7 +332,7 @@ class LockstepRun:
 
         """
         self._ticks += 1
-        self.clock.advance_to(to_ns(self._ticks * self.tick_s))
+        self.clock.advance_to(self._ticks * self._tick_ns)
         self.arena.step()
         now_ns = self.clock.now_ns()
         self._exchange.step()

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.links.declared import Declared
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.local_link import LocalLink
+from robrain.protocol.links.receivers import Declared
 from robrain.protocol.links.zenoh_link import ZenohLink
 from robrain.protocol.table.topic import JSON, Urgency
 from robrain.protocol.table.topics import ROBOT_STATE

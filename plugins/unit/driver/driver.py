@@ -129,6 +129,7 @@ def _off_centre_m(found: Passage, seen_m: float) -> float:
 
 PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
+HAND_PERIOD_NS = to_ns(HAND_PERIOD_S)
 """Period of the checks for a lapsed lease while driven by hand; it commands at the usual period."""
 DELAY_S = PERIOD_S + 0.02
 """Largest delay from the pose of a decision until the wheels obey."""
@@ -227,7 +228,7 @@ class Driver(OnBase):
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
             self._stop_moving()
         now_ns = self.env.clock.now_ns()
-        if self._hand.has_ended(now_ns + to_ns(HAND_PERIOD_S)):  # or would, before its next check
+        if self._hand.has_ended(now_ns + HAND_PERIOD_NS):  # or would, before its next check
             self._release_hand()
         if self._hand.holds(now_ns):
             self._step_by_hand(now_ns, *self._moc.pose_if_fresh())

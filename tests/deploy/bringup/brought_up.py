@@ -12,7 +12,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile
 from robrain.deploy.bringup.bench import Bench, bench_file
 from robrain.deploy.bringup.bring_up import BringUp, BringUpOptions, patched
-from robrain.deploy.bringup.findings import BringUpReport, CheckFinding, FindingKind, Operator
+from robrain.deploy.bringup.findings import BringUpOperator, BringUpReport, CheckFinding, FindingKind
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -22,7 +22,7 @@ from robrain.sim.world.robot_specs import RobotSpec, RobotType
 from robrain.sim.world.world import TICK_S, World
 
 
-class Watcher(Operator):
+class Watcher(BringUpOperator):
     """Answers as a function of the question says; notes what it was told to do."""
 
     def __init__(self, answer: Callable[[str, str], str] = lambda question, default: default) -> None:
@@ -147,9 +147,9 @@ class BroughtUp:
         self.path.write_bytes(b"# hers\n" + msgspec.toml.encode(robot_file))
         self.told: list[CheckFinding] = []
 
-    def run(self, wanted: BringUpOptions, operator: Operator | None = None) -> BringUpReport:
+    def run(self, wanted: BringUpOptions, operator: BringUpOperator | None = None) -> BringUpReport:
         with LockstepBench(self.world) as bench:
-            return BringUp(self.path, bench, operator or Operator(), self.told.append).run(wanted)
+            return BringUp(self.path, bench, operator or BringUpOperator(), self.told.append).run(wanted)
 
 
 def wrong(report: BringUpReport) -> set[FindingKind]:

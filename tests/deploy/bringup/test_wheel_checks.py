@@ -9,7 +9,7 @@ import pytest
 
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, Mecanum, Omni, OmniBase, WheelBase
 from robrain.deploy.bringup.bench import EncoderSample, Motion, Record, StopMode, TurnWheels
-from robrain.deploy.bringup.findings import CheckFinding, FindingKind, Operator
+from robrain.deploy.bringup.findings import BringUpOperator, CheckFinding, FindingKind
 from robrain.deploy.bringup.floor_checks import SCALE_TOLERANCE, _imu_findings
 from robrain.deploy.bringup.wheel_checks import (
     COUPLED,
@@ -113,7 +113,7 @@ def wheels(share: float, bench: Told | None = None) -> list[CheckFinding]:
         motion.speeds_rad_s[0] + share * motion.speeds_rad_s[1],
         motion.speeds_rad_s[1] + share * motion.speeds_rad_s[0]
     ))  # fmt: skip
-    return check_wheels(bench, Operator(), BASE)  # type: ignore[arg-type]
+    return check_wheels(bench, BringUpOperator(), BASE)  # type: ignore[arg-type]
 
 
 def test_encoders_that_turn_together_end_bring_up_as_the_wheels_may_be_on_the_floor() -> None:
