@@ -23,7 +23,7 @@ from robrain.algorithms.localization.scan_match import (
     scan_fit,
     solve_step,
 )
-from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid, WallSurfaces
+from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS, OccupancyGrid, Surfaces
 from robrain.algorithms.numeric.kernel_array import FLOAT64, Floats, kernel_array
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -137,7 +137,7 @@ def match_surface(grid: OccupancyGrid, guess: Pose2D, points: Floats) -> tuple[S
 @njit(cache=True, nogil=True)
 def _gather(
     log_odds: NDArray[np.int8],
-    surfaces: WallSurfaces,
+    surfaces: Surfaces,
     row: int,
     column: int,
     cells: NDArray[np.int32],
@@ -184,7 +184,7 @@ def _nearest(
 
 
 @njit(cache=True, nogil=True)
-def _line(log_odds: NDArray[np.int8], surfaces: WallSurfaces, best_row: int, best_column: int, line: Floats) -> bool:
+def _line(log_odds: NDArray[np.int8], surfaces: Surfaces, best_row: int, best_column: int, line: Floats) -> bool:
     """Write a point (2,) and the normal (2,) of the wall in a cell, in cells; False if it is no line."""
     height, width = log_odds.shape
     base_x, base_y = float(surfaces.at[best_row, best_column, 0]), float(surfaces.at[best_row, best_column, 1])
@@ -227,7 +227,7 @@ def _line(log_odds: NDArray[np.int8], surfaces: WallSurfaces, best_row: int, bes
 @njit(cache=True, nogil=True)
 def _match(
     log_odds: NDArray[np.int8],
-    surfaces: WallSurfaces,
+    surfaces: Surfaces,
     per_m: float,
     start_x: float,
     start_y: float,

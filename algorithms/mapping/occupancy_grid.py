@@ -38,7 +38,7 @@ HIT_DEPTH_CELLS = 0.2
 the cell behind the border. Walls of a map lie on such borders, where range noise falls on either side."""
 
 
-class WallSurfaces(NamedTuple):
+class Surfaces(NamedTuple):
     """Places of walls within their cells; valid where `log_odds` > 0 and `hits` > 0."""
 
     at: NDArray[np.float32]
@@ -192,7 +192,7 @@ def integrate_scan(
     stamps_ms: NDArray[np.int32],
     dirty: NDArray[np.bool_],
     seen_by: NDArray[np.int32],
-    surfaces: WallSurfaces,
+    surfaces: Surfaces,
     drift: tuple[float, float],
     shape: tuple[int, int],
     scan: int,
@@ -341,7 +341,7 @@ class OccupancyGrid:
         self.known_count = 0
         shape = geometry.shape if surfaces else (1, 1)
         at, view, drift = np.zeros((3, *shape, 2), np.float32)
-        self.surfaces = WallSurfaces(at, np.zeros(shape, np.uint8), view, drift)
+        self.surfaces = Surfaces(at, np.zeros(shape, np.uint8), view, drift)
         # Per cell, the last scan that freed it (twice its number) or ended in it (twice its number plus one).
         self._seen_by: NDArray[np.int32] = np.zeros(geometry.shape, np.int32)
         self._scans = 0

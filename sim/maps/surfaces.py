@@ -74,7 +74,7 @@ _ALONG_X = (GLASS_Y, MIRROR_SOUTH, MIRROR_NORTH)
 """Surfaces whose walls run along x."""
 
 
-class Surfaces:
+class FloorSurfaces:
     """Surfaces of a floor, as lidars see them.
 
     Args:

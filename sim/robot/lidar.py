@@ -18,7 +18,7 @@ from robrain.protocol.model.ranges import (
     Share,
 )
 from robrain.sim.firmware.lidar_line import LidarProtocol
-from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.surfaces import FloorSurfaces
 
 PLAIN = Mount()
 NEAREST_OUTLIER_M = 0.05
@@ -71,7 +71,7 @@ class Lidar:
         walls: NDArray[np.bool_],
         geometry: GridGeometry,
         rng: np.random.Generator,
-        surfaces: Surfaces | None = None,
+        surfaces: FloorSurfaces | None = None,
     ) -> None:
         self.spec = spec
         self._robot = robot

@@ -14,7 +14,7 @@ from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.firmware.motor_controller import ENCODER_IDENTIFIER, WheelEncoders
 from robrain.sim.firmware.power_model import LOAD, add_motion
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.surfaces import FloorSurfaces
 from robrain.sim.maps.wall_shapes import add_walls
 from robrain.sim.robot.robot_body import (
     COLLISION_SLOP_M,
@@ -55,7 +55,7 @@ class RobotTeam:
         endpoint: Endpoint,
         rng: np.random.Generator,
         tick_s: float,
-        surfaces: Surfaces | None,
+        surfaces: FloorSurfaces | None,
         disturbance: Disturbance,
         traffic: TrafficPlan | None,
     ) -> None:

@@ -31,7 +31,7 @@ from robrain.sim.firmware.lidar_line import LINE, LidarLine, LidarProtocol
 from robrain.sim.firmware.motor_controller import MotorController
 from robrain.sim.firmware.range_sensors import RangeSensors
 from robrain.sim.firmware.wit_imu import IMU_LINE, WitImu
-from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.surfaces import FloorSurfaces
 from robrain.sim.robot.lidar import Lidar
 from robrain.sim.robot.robot_body import RobotBody
 from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
@@ -82,7 +82,7 @@ class SimulatedRobot:
         index: int,
         tick_s: float,
         rng: np.random.Generator,
-        surfaces: Surfaces | None,
+        surfaces: FloorSurfaces | None,
         disturbance: Disturbance,
     ) -> None:
         battery_rng, (wheels_rng, ranges_rng) = rng.spawn(1)[0], rng.spawn(2)

@@ -24,7 +24,7 @@ from robrain.sim.faults.fault_spec import FaultKind, FaultSpec, FaultTimes
 from robrain.sim.firmware.battery import STATUS_PERIOD_S
 from robrain.sim.firmware.disturbance import Disturbance
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.maps.surfaces import Surfaces
+from robrain.sim.maps.surfaces import FloorSurfaces
 from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
 from robrain.sim.motes.motes import MoteField
@@ -133,7 +133,7 @@ class Arena:
                 endpoint,
                 robots_rng,
                 tick_s,
-                None if world.surfaces.is_plain else Surfaces.draw(world.surfaces, plan, world.seed),
+                None if world.surfaces.is_plain else FloorSurfaces.draw(world.surfaces, plan, world.seed),
                 Disturbance(world.disturbance, world.seed),
                 world.traffic,
             )

@@ -16,7 +16,7 @@ from robrain.algorithms.mapping.ray_cast import (
 )
 from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.maps.drawing import Block, FloorDrawing, Wall, rasterise
-from robrain.sim.maps.surfaces import Surfaces, SurfaceSpec
+from robrain.sim.maps.surfaces import FloorSurfaces, SurfaceSpec
 
 GLASS = GLASS_X | GLASS_Y
 MIRRORS = MIRROR_WEST | MIRROR_EAST | MIRROR_SOUTH | MIRROR_NORTH
@@ -31,7 +31,7 @@ PLAN = rasterise(
 
 
 def drawn(seed=1, **spec):
-    return Surfaces.draw(SurfaceSpec(**spec), PLAN, seed).cells
+    return FloorSurfaces.draw(SurfaceSpec(**spec), PLAN, seed).cells
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_same_seed_draws_the_same_and_another_seed_others():
 
 
 def test_pane_of_a_floor_is_seen_through_at_a_slant():
-    surfaces = Surfaces.draw(SurfaceSpec(glass_share=1.0), PLAN, 1)
+    surfaces = FloorSurfaces.draw(SurfaceSpec(glass_share=1.0), PLAN, 1)
     angles_rad = np.array([math.pi / 2, math.pi / 2 - 0.4])
     straight_m, slanting_m = surfaces.cast(Pose2D(12.0, 4.0, 0.0), angles_rad, 6.0, np.empty((0, 3))).tolist()
     assert straight_m == pytest.approx(1.9, abs=0.06)
