@@ -230,8 +230,7 @@ def test_of_a_batch_only_the_message_that_raises_is_set_aside(clock) -> None:
 
 def test_readers_of_one_message_convert_its_times_each_to_their_own_clock() -> None:
     session = open_lockstep_session()
-    clocks = [VirtualClock(), VirtualClock()]
-    clocks[1].advance_to(to_ns(20.0))
+    clocks = (VirtualClock(), VirtualClock(to_ns(20.0)))
     wires = [Endpoint(session, "default", clock, Drive.LOCKSTEP) for clock in clocks]
     inboxes = [Inbox(), Inbox()]
     for wire, inbox in zip(wires, inboxes, strict=True):

@@ -114,10 +114,9 @@ def test_no_process_ends_or_grows_whatever_is_said_and_asked(hub: Hub) -> None:
     for _ in range(ROUNDS):
         bad += _say_and_ask_all(hub)
         resident_mb.append(hub.resident_mb())
-    assert hub.process.poll() is None
-    assert hub.family() == family
-    rounds = list(pairwise(resident_mb[SETTLED_ROUNDS - 1 :]))
-    grown = {family[pid]: min(after[pid] - before[pid] for before, after in rounds) for pid in family}
+    assert (hub.process.poll(), hub.family()) == (None, family)
+    settled = resident_mb[SETTLED_ROUNDS - 1 :]
+    grown = {family[pid]: min(after[pid] - before[pid] for before, after in pairwise(settled)) for pid in family}
     assert max(grown.values()) < GROWTH_MAX_MB, grown
 
     lossless = {topic.name for topic in PUBLISHED if topic.recorded and topic.delivery is Delivery.LOSSLESS}
