@@ -20,8 +20,6 @@ from hypothesis import given, settings, strategies
 from tests.system.prefork import import_everything
 
 CPU_MAX_S = 1.0
-BESIDE_SLOW_MAX_S = 1.5
-"""Limit in a run of all tests: it has more processes than cores, which share their caches."""
 FULL = 2
 """Generation of a search for garbage among all objects."""
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -62,10 +60,9 @@ def _draw_text(_: str) -> None:
 class CpuBudget:
     """Measures each test where it runs, and judges the whole run where the results arrive."""
 
-    def __init__(self, *, is_worker: bool, judges: bool, cpu_max_s: float) -> None:
+    def __init__(self, *, is_worker: bool, judges: bool) -> None:
         self._is_worker = is_worker
         self._judges = judges
-        self._cpu_max_s = cpu_max_s
         self._shared_s = 0.0
         self._exceeded: dict[str, float] = {}
 
@@ -112,7 +109,7 @@ class CpuBudget:
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Collect the tests that used more than they may."""
-        if self._judges and report.when == "teardown" and not report.is_slow and report.cpu_s > self._cpu_max_s:
+        if self._judges and report.when == "teardown" and not report.is_slow and report.cpu_s > CPU_MAX_S:
             self._exceeded[report.nodeid] = report.cpu_s
 
     @pytest.hookimpl(tryfirst=True)
@@ -125,7 +122,7 @@ class CpuBudget:
         """Name the tests, the most expensive first."""
         if self._exceeded:
             terminalreporter.section(
-                f"more than {self._cpu_max_s:g} s of CPU time without the marker slow", red=True, bold=True
+                f"more than {CPU_MAX_S:g} s of CPU time without the marker slow", red=True, bold=True
             )
             for nodeid, cpu_s in sorted(self._exceeded.items(), key=lambda one: -one[1]):
                 terminalreporter.line(f"{cpu_s:6.2f} s  {nodeid}", red=True)
@@ -135,5 +132,4 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measure in every process that runs tests."""
     is_worker = hasattr(config, "workerinput")
     judges = not is_worker and config.getoption("numprocesses", None)
-    cpu_max_s = CPU_MAX_S if "not slow" in config.option.markexpr else BESIDE_SLOW_MAX_S
-    config.pluginmanager.register(CpuBudget(is_worker=is_worker, judges=bool(judges), cpu_max_s=cpu_max_s))
+    config.pluginmanager.register(CpuBudget(is_worker=is_worker, judges=bool(judges)))

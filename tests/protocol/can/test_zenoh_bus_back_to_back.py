@@ -253,7 +253,7 @@ def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("duration_s", "period_s"), [(0.01, 0.003), (0.1, 0.011), (1.0, 0.4)])
+@pytest.mark.parametrize(("duration_s", "period_s"), [(0.05, 0.013), (0.1, 0.011), (1.0, 0.4)])
 def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration_s, period_s):
     receiver, sender = clients(), clients()
     task = sender.send_periodic(can.Message(arbitration_id=9), period_s, duration_s)
@@ -262,8 +262,8 @@ def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration
     stamps_s = []
     while (message := receiver.recv(PATIENCE_S)).arbitration_id == 9:
         stamps_s.append(message.timestamp)
+    assert stamps_s
     assert len(stamps_s) <= duration_s / period_s + 2
-    assert stamps_s or duration_s < 0.1, "only a machine that is busy for that long may send none"
 
 
 def test_periodic_frames_end_when_the_node_is_shut_down(clients):
