@@ -24,7 +24,7 @@ HOST_S = 10.0
 CHANGE_S = 60.0
 """Time limit for a load: it imports code, which may compile some of itself."""
 HOST_VERB = Query("robot/{robot}/host/{verb}",
-                  "Any verb of the host, also one of another distribution: JSON as its own row says",
+                  "Any verb of the host, also one of another distribution; JSON as in its own row",
                   bytes, bytes, alias="host_verb", urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip
 """Stands for the rows of all verbs where the verb is not known beforehand. It is none of the table, which has one row
 for each key."""
@@ -59,13 +59,13 @@ HOST_RELOAD = host_query("reload", ReloadRequest, list[PluginInfo],
                          *START_ERRORS, timeout_s=CHANGE_S)  # fmt: skip
 HOST_COMMAND = host_query("command", CommandRequest, str, "Execute a command in text form: replies its result as text",
                           *PLUGIN_ERRORS)  # fmt: skip
-HOST_HOLD = host_query("hold", HoldRequest, Lease, "Have exclusive use of a plugin for a time, or for longer",
+HOST_HOLD = host_query("hold", HoldRequest, Lease, "Get or extend the exclusive use of a plugin for a time",
                        *START_ERRORS, ErrorCode.HALTED)  # fmt: skip
 HOST_RELEASE = host_query("release", ReleaseRequest, bool,
                           "End the exclusive use of a plugin: replies false if it was not held, or no longer",
                           ErrorCode.UNKNOWN_PLUGIN)  # fmt: skip
 HOST_HALT = host_query("halt", HaltRequest, HaltAnswer,
-                       "Emergency halt of this robot alone: replies when its plugins were told to stop",
+                       "Emergency halt of this robot alone: replies when it has ordered its plugins to stop",
                        timeout_s=ANSWER_S)  # fmt: skip
 HOST_RESUME = host_query("resume", ResumeRequest, HaltAnswer,
                          "End of the robot's halt, whether of this robot alone or of the team",
