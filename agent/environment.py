@@ -11,7 +11,7 @@ from robrain.agent.event import Event, EventPublisher, ObservableEvent
 from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork, work_at_place
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler
 
 if TYPE_CHECKING:  # imported when a plugin asks for them

@@ -18,7 +18,7 @@ import zenoh
 
 from robrain.agent.text_form import encode_own
 from robrain.protocol.messages.robots import plugin_messages
-from robrain.protocol.table.topics import ROBOT_EVENT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

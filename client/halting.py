@@ -9,11 +9,9 @@ from robrain.protocol.access.signing import refusal_of
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.robots.host_messages import HaltRequest, ResumeRequest
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import HOST_HALT, HOST_RESUME, HaltRequest, ResumeRequest
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, Halt, TeamState
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import wrong_team
 

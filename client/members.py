@@ -9,9 +9,8 @@ from robrain.client.transport import Transport
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import check_name
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import wrong_team
 

@@ -6,12 +6,22 @@ from typing import TypeVar
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.tasks.consensus_messages import CancelAcceptance, TaskAcceptance
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.consensus_messages import (
+    ROBOT_CANCEL,
+    ROBOT_SUBMIT,
+    CancelAcceptance,
+    TaskAcceptance,
+)
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_SUBMIT,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+)
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topic import Q, Query, R
-from robrain.protocol.table.topics import ROBOT_CANCEL, ROBOT_SUBMIT, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import teams_there, wrong_team
 

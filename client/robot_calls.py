@@ -15,6 +15,12 @@ from robrain.protocol.errors import NobodyThere, WireError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.action_messages import ActionEnd
 from robrain.protocol.messages.robots.host_messages import (
+    HOST_COMMAND,
+    HOST_HOLD,
+    HOST_LOAD,
+    HOST_RELEASE,
+    HOST_RELOAD,
+    HOST_UNLOAD,
     CommandRequest,
     HoldRequest,
     LoadRequest,
@@ -22,16 +28,15 @@ from robrain.protocol.messages.robots.host_messages import (
     ReloadRequest,
     UnloadRequest,
 )
-from robrain.protocol.messages.robots.plugin_messages import LogRecord, PluginInfo
-from robrain.protocol.table.host_queries import (
-    HOST_COMMAND,
-    HOST_HOLD,
-    HOST_LOAD,
-    HOST_RELEASE,
-    HOST_RELOAD,
-    HOST_UNLOAD,
+from robrain.protocol.messages.robots.plugin_messages import (
+    ROBOT_CALL,
+    ROBOT_EVENT,
+    ROBOT_LOG,
+    ROBOT_LOG_KEPT,
+    ROBOT_PLUGINS,
+    LogRecord,
+    PluginInfo,
 )
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG, ROBOT_LOG_KEPT, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Endpoint
 
 PluginInfos = list[PluginInfo]

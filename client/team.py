@@ -28,13 +28,24 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT_NOW, ExplorationLeft
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import (
+    COORDINATOR_OBJECTIVE,
+    COORDINATOR_PLANNING,
+    ObjectiveRequest,
+    PlanningStatus,
+)
 from robrain.protocol.messages.tasks.task_messages import (
+    TASK_DRY_RUN,
+    TASK_GET,
+    TASK_KINDS,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
     KnownKind,
     TaskDryRun,
     TaskFilter,
@@ -43,28 +54,17 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskSubmission,
     TaskWhy,
 )
-from robrain.protocol.messages.team.standing_messages import LeadRequest, RobotRemoval
-from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.messages.team.standing_messages import (
+    COORDINATOR_LEAD,
+    COORDINATOR_REMOVE_ROBOT,
+    LeadRequest,
+    RobotRemoval,
+)
+from robrain.protocol.messages.team.team_messages import HALT, Halt, TeamState
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import (
-    COORDINATOR_LEAD,
-    COORDINATOR_LEFT_NOW,
-    COORDINATOR_OBJECTIVE,
-    COORDINATOR_PLANNING,
-    COORDINATOR_REMOVE_ROBOT,
-    HALT,
-    MOTE_READING,
-    TASK_DRY_RUN,
-    TASK_EVENT,
-    TASK_GET,
-    TASK_KINDS,
-    TASK_LIST,
-    TASK_SUBMIT,
-    TASK_WHY,
-)
 from robrain.protocol.wire.endpoint import Endpoint
 
 

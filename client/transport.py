@@ -16,7 +16,7 @@ from robrain.protocol.errors import NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, OPERATOR
-from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import nobody_answers, team_endpoints
 from robrain.protocol.wire.session import open_session

@@ -20,11 +20,10 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
 from robrain.protocol.model.tasks.task import FREE_AFTER_S
 from robrain.protocol.reasons import IdleReason, plain
 from robrain.protocol.refusals import most_refused
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 
 ASSIGN_PERIOD_NS = to_ns(0.5)

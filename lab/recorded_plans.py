@@ -10,8 +10,7 @@ from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.protocol.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.table.topics import TASK_PROBLEM
+from robrain.protocol.messages.tasks.plan_messages import TASK_PROBLEM, PlanProblem
 from robrain.recording.reader.reading import read_messages
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]

@@ -58,7 +58,7 @@ class Registry(Generic[T]):
         self.group = group
         self._has_files = has_files
         self._points = {name: [metadata.EntryPoint(name, value, group)] for name, value in stock.items()}
-        self._stock = frozenset(stock)
+        self._stock = tuple(stock)
         self._loaded: dict[str, T] = {}
         self._has_checked = False
 
@@ -95,6 +95,16 @@ class Registry(Generic[T]):
         if name not in self._loaded:
             self._loaded[name] = self._load(name)
         return self._loaded[name]
+
+    def entries(self) -> dict[str, T]:
+        """All objects by name, robrain's own first; one that cannot be imported is left out, and logged."""
+        found: dict[str, T] = {}
+        for name in dict.fromkeys((*self._stock, *self.names)):
+            try:
+                found[name] = self.get(name)
+            except UnknownEntry as error:
+                logger.error("%s", error)  # noqa: TRY400 - the text names the cause
+        return found
 
     def check(self, name: str) -> None:
         """Raise UnknownEntry, with the existing names, if none offers it; imports nothing and opens no file."""

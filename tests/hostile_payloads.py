@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from hypothesis import strategies as st
 
-from robrain.protocol.table.topic import Query, Topic
+from robrain.protocol.topic import Query, Topic
 
 GOLDEN = Path(__file__).parent / "protocol" / "golden"
 EXTREMES = (None, True, -1, 0, 2**53, 2**63, 10**40, 1e308, -1e308, "", "x" * 5000, "\u202e", [], {}, [[]], {"a": {}})

@@ -3,8 +3,36 @@
 import importlib
 import sys
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
+
+from robrain.protocol.registry import Registry
+from robrain.protocol.table import topics
+from robrain.recording.reader.recorded_message import parsed_key
+
+T = TypeVar("T")
+
+
+def as_new(registry: Registry[T], monkeypatch: pytest.MonkeyPatch) -> Registry[T]:
+    """Have a registry search for entry points again, as in a new process, until the test ends."""
+    for name, value in (("_points", dict(registry._points)), ("_loaded", {}), ("_has_checked", False)):
+        monkeypatch.setattr(registry, name, value)
+    return registry
+
+
+@pytest.fixture
+def new_topics(monkeypatch):
+    """A table of topics that is collected again when it is first used."""
+
+    def forget() -> None:
+        for collected in (topics.all_rows, topics.all_topics, parsed_key):
+            collected.cache_clear()
+
+    as_new(topics.TOPICS, monkeypatch)
+    forget()
+    yield
+    forget()
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robrain.protocol.table.topic import Query
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.waiting import PATIENCE_S
 

@@ -16,7 +16,7 @@ from robrain.agent.plugin import Level
 from robrain.deploy.command_line.terminal import clock_of
 from robrain.protocol.can.frames import database
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.scenarios.scenario import Scenario

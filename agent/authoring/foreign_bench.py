@@ -19,8 +19,7 @@ from robrain.agent.isolation.foreign_plugins import ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL, PluginInfo
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import listening_at, open_session

@@ -24,8 +24,7 @@ from robrain.agent.manifest import find_manifests, role_in
 from robrain.agent.plugin_traceback import end_thread, raised, traceback_in
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -26,6 +26,9 @@ from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStat
 from robrain.protocol.messages.tasks.consensus_messages import (
     ABSENT_MAX,
     ENDED_REPORTED,
+    ROBOT_BALLOT,
+    ROBOT_CANCEL,
+    ROBOT_SUBMIT,
     CancelAcceptance,
     TaskAcceptance,
     TaskDone,
@@ -33,15 +36,14 @@ from robrain.protocol.messages.tasks.consensus_messages import (
     TaskHeldBy,
     TeamBallot,
 )
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.ballot import SeenBallot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Occupied, OfferRefusal
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, ROBOT_CANCEL, ROBOT_SUBMIT, TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 NUMBERS_MAX = 64

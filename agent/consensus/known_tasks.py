@@ -22,10 +22,9 @@ from robrain.protocol.messages.tasks.consensus_messages import (
     TaskKnown,
 )
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TaskFilter, TaskRecord
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_LIST
 from robrain.protocol.wire.endpoint import Endpoint
 
 TASKS_MAX = 256

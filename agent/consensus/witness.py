@@ -13,6 +13,7 @@ from robrain.agent.host.host_extension import ExtendedHost, HostExtension
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.robots.witness_messages import (
+    ROBOT_WITNESS,
     Holders,
     Led,
     WitnessRefusal,
@@ -22,7 +23,6 @@ from robrain.protocol.messages.robots.witness_messages import (
 )
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.ranges import Count, Name, Stamp
-from robrain.protocol.table.topics import ROBOT_WITNESS
 from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)

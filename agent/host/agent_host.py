@@ -40,25 +40,23 @@ from robrain.protocol.clock import Clock, clock_difference_ns, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.thinning import Thinning
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.messages.tasks.offer_messages import CostsRequest, TaskAnswer, TaskCost, TaskOffer, TaskWithdrawal
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG_KEPT, ROBOT_PLUGINS, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, PluginFault, RobotState
+from robrain.protocol.messages.tasks.offer_messages import (
+    ROBOT_COSTS,
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    CostsRequest,
+    TaskAnswer,
+    TaskCost,
+    TaskOffer,
+    TaskWithdrawal,
+)
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.reasons import RobotHalted, StoodStill
 from robrain.protocol.refusals import Refusals, most_refused
-from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.topics import (
-    COORDINATOR_STATE,
-    ROBOT_ALIVE,
-    ROBOT_CALL,
-    ROBOT_COSTS,
-    ROBOT_LOG_KEPT,
-    ROBOT_OFFER,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    ROBOT_WITHDRAW,
-)
+from robrain.protocol.table.topics import HOST_VERB
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
 
 logger = logging.getLogger(__name__)

@@ -7,7 +7,6 @@ calls it once, when the host is made:
     beacon = "my_team.beacon:Beacon"
 """
 
-import logging
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -18,10 +17,8 @@ from robrain.protocol.clock import Clock
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.reasons import OfferRefusal
-from robrain.protocol.registry import Registry, UnknownEntry
+from robrain.protocol.registry import Registry
 from robrain.protocol.wire.endpoint import Endpoint
-
-logger = logging.getLogger(__name__)
 
 
 class ExtendedHost(Protocol):
@@ -83,8 +80,8 @@ HOST_EXTENSIONS: Registry[MakeExtension] = Registry(
     "host extension",
     "robrain.host_extensions",
     {
-        "witness": "robrain.agent.consensus.witness:WitnessExtension",
         "consensus": "robrain.agent.consensus.consensus:consensus_extension",
+        "witness": "robrain.agent.consensus.witness:WitnessExtension",
     },
 )
 """The extensions by name."""
@@ -98,10 +95,4 @@ def make_extensions(host: ExtendedHost, own: Mapping[str, MakeExtension]) -> dic
         own: extensions that replace those with the same name.
 
     """
-    made: dict[str, HostExtension] = {}
-    for name in sorted(HOST_EXTENSIONS.names, key=lambda name: (not HOST_EXTENSIONS.is_stock(name), name)):
-        try:
-            made[name] = (own.get(name) or HOST_EXTENSIONS.get(name))(host)
-        except UnknownEntry as error:
-            logger.error("%s: %s", host.name, error)  # noqa: TRY400 - the text names the cause
-    return made
+    return {name: own.get(name, make)(host) for name, make in HOST_EXTENSIONS.entries().items()}

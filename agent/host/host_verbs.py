@@ -21,11 +21,12 @@ from robrain.agent.plugin_traceback import log_error, raised
 from robrain.protocol.access.signing import vouch_request
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.messages.robots import host_messages as ask
+from robrain.protocol.messages.robots import host_messages as rows
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.registry import Registry, UnknownEntry
-from robrain.protocol.table import host_queries as rows
-from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.table.topics import HOST_VERB
+from robrain.protocol.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint, Request
 
 logger = logging.getLogger(__name__)
@@ -75,11 +76,11 @@ def answer_verb(host: VerbHost, wire: Endpoint, request: Request[bytes]) -> byte
 
     """
     name = request.names["verb"]
-    key = rows.HOST_VERB.key(wire.team, robot=host.name, verb=name)
+    key = HOST_VERB.key(wire.team, robot=host.name, verb=name)
     try:
         HOST_VERBS.check(name)
     except UnknownEntry as error:
-        wire.refusals.record(rows.HOST_VERB.name, key, RefusalCode.MALFORMED, str(error))
+        wire.refusals.record(HOST_VERB.name, key, RefusalCode.MALFORMED, str(error))
         raise CallError(ErrorCode.UNKNOWN_FUNCTION, str(error)) from error
     verb = _imported(name)
     asked = wire.read_request(verb.query, key, request.asked)
@@ -101,7 +102,7 @@ def _imported(name: str) -> "HostVerb[Any, Any]":
         verb: object = HOST_VERBS.get(name)
     except UnknownEntry as error:
         raise CallError(ErrorCode.FAILED, str(error)) from error
-    if not isinstance(verb, HostVerb) or verb.query.pattern != rows.HOST_VERB.pattern.replace("{verb}", name):
+    if not isinstance(verb, HostVerb) or verb.query.pattern != HOST_VERB.pattern.replace("{verb}", name):
         raise CallError(ErrorCode.FAILED, f"the entry point {name} of {HOST_VERBS.group} is no HostVerb of that name")
     return verb
 

@@ -22,9 +22,14 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import HaltAnswer
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import HaltStatus, TeamState
+from robrain.protocol.messages.team.team_messages import (
+    COORDINATOR_HALT,
+    COORDINATOR_STATE,
+    HALT,
+    HaltStatus,
+    TeamState,
+)
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 
 logger = logging.getLogger(__name__)

@@ -17,9 +17,8 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_output import PluginLogs, PluginOutput, PluginStream
 from robrain.agent.plugin_traceback import is_of_host
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.table.topics import ROBOT_LOG
 from robrain.protocol.wire.endpoint import Endpoint, Request
 
 KEPT_LINES = 200

@@ -35,7 +35,7 @@ from robrain.agent.plugin_traceback import raised, traceback_in
 from robrain.agent.robot_tasks import Accept, LetGo, TaskWork, work_at_place
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.table.topic import Query
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session

@@ -22,8 +22,12 @@ from robrain.agent.text_form import parse_argument, print_value
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
+from robrain.protocol.messages.robots.plugin_messages import (
+    ROBOT_FOREIGN,
+    ROBOT_FOREIGN_CALL,
+    ROBOT_FOREIGN_INFO,
+    PluginInfo,
+)
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

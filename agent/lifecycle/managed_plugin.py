@@ -42,7 +42,7 @@ from robrain.agent.plugin_traceback import end_thread, raised, traceback_in
 from robrain.agent.robot_tasks import Accept, LetGo, RobotTasks, TaskWork
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.host_messages import Lease
-from robrain.protocol.table.topic import Query
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Handler, Serve
 
 logger = logging.getLogger(__name__)

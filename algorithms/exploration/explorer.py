@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.navigation.frontier import Frontier
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid
-    from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+    from robrain.protocol.messages.maps.map_messages import ExplorationLeft
     from robrain.protocol.model.grid_geometry import GridGeometry
 
 

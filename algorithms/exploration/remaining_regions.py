@@ -17,7 +17,7 @@ from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, least_ga
 from robrain.algorithms.navigation.frontier import Frontier, find_frontiers, frontier_mask, touching
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, clearance_m
 from robrain.algorithms.navigation.path_planning import nearest_traversable
-from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.maps.map_messages import REGIONS_MAX, ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 

@@ -4,7 +4,6 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from importlib import metadata
 from typing import Any, ClassVar, TypeVar
 
 from robrain.coordinator.journal.errors import JournalUnwritable
@@ -25,17 +24,15 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.messages.team.standing_messages import RobotRemoval
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import IdleReason, OfferRefusal, TaskReason
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import COORDINATOR_REMOVE_ROBOT, TASK_EVENT
+from robrain.protocol.registry import Registry
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
-
-GROUP = "robrain.coordinator_parts"
-"""Entry points of other distributions: classes derived from `CoordinatorPart`."""
 
 
 class CoordinatorPart:
@@ -152,6 +149,8 @@ class CoordinatorPart:
 
 P = TypeVar("P", bound=CoordinatorPart)
 PartFactory = Callable[["Core"], CoordinatorPart]
+COORDINATOR_PARTS: Registry[PartFactory] = Registry("coordinator part", "robrain.coordinator_parts", {})
+"""The parts of other distributions by name."""
 
 
 class Parts:
@@ -168,8 +167,8 @@ class Parts:
         """Make the stock parts, then those of other distributions, whose failure is counted."""
         for make in factories:
             self.all.append(make(core))
-        for point in sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name):
-            part = core.guard.stage(f"{GROUP} {point.name}", None, _load, point, core)
+        for name, make in COORDINATOR_PARTS.entries().items():
+            part = core.guard.stage(f"coordinator part {name}", None, make, core)
             self.all += [] if part is None else [part]
         for name, method in vars(CoordinatorPart).items():
             self.overriding[name] = [part for part in self.all if getattr(type(part), name) is not method]
@@ -226,11 +225,6 @@ class Parts:
         """A robot has refused one of the coordinator's own tasks."""
         for part in self.overriding["task_refused"]:
             part.task_refused(record, robot, refusal, now_ns)
-
-
-def _load(point: metadata.EntryPoint, core: "Core") -> CoordinatorPart:
-    make: PartFactory = point.load()
-    return make(core)
 
 
 NS_PER_MS = 1_000_000

@@ -9,14 +9,13 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import clock_difference_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TeamBallot
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState, TaskStatus
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT, TaskAsked, TeamBallot
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import PlainReason, cancelled
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_BALLOT, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_STATE
 
 
 class RobotReports:

@@ -22,6 +22,10 @@ from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.witness_messages import Led
 from robrain.protocol.messages.team.standing_messages import (
+    COORDINATOR_COPY,
+    COORDINATOR_JOURNAL,
+    COORDINATOR_LEAD,
+    COORDINATOR_STAND_BY,
     CopyRequest,
     JournalChanges,
     JournalPage,
@@ -30,12 +34,6 @@ from robrain.protocol.messages.team.standing_messages import (
     StandByState,
 )
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.table.topics import (
-    COORDINATOR_COPY,
-    COORDINATOR_JOURNAL,
-    COORDINATOR_LEAD,
-    COORDINATOR_STAND_BY,
-)
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 logger = logging.getLogger(__name__)

@@ -8,12 +8,12 @@ from robrain.protocol.answers.later import Later
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.witness_messages import (
+    ROBOT_WITNESS,
     WitnessRefusal,
     WitnessReply,
     WitnessRequest,
     WitnessWish,
 )
-from robrain.protocol.table.topics import ROBOT_WITNESS
 from robrain.protocol.wire.endpoint import Endpoint
 
 ASK_TIMEOUT_S = 0.5

@@ -16,6 +16,10 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.standing_messages import (
+    COORDINATOR_COPY,
+    COORDINATOR_JOURNAL,
+    COORDINATOR_LEAD,
+    COORDINATOR_STAND_BY,
     ENTRIES_MAX,
     PAGE_TASKS,
     CopyRequest,
@@ -27,12 +31,6 @@ from robrain.protocol.messages.team.standing_messages import (
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.reasons import MinorityHeard, TaskReason, sentence_of
-from robrain.protocol.table.topics import (
-    COORDINATOR_COPY,
-    COORDINATOR_JOURNAL,
-    COORDINATOR_LEAD,
-    COORDINATOR_STAND_BY,
-)
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 logger = logging.getLogger(__name__)

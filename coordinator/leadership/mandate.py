@@ -20,8 +20,8 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.reasons import PlainReason, plain
-from robrain.protocol.table.topics import COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

@@ -19,6 +19,8 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.motes.mote_messages import (
+    MOTE_DUTY,
+    MOTE_READING,
     ForwarderCount,
     GatewayCount,
     MoteDuty,
@@ -31,7 +33,6 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import COLLECT, RELAY, REPLACE, Collect, Relay, Replace, TaskParameters
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TaskReason, plain
-from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.payloads import PERIOD_MAX_S
 from robrain.protocol.wire.endpoint import Endpoint
 

@@ -32,7 +32,7 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
@@ -40,7 +40,6 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import MONITOR, SENSE, Monitor, Sense
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, BadParameters, TaskState, parameters_of
 from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, RobotReason, lacks_plugins, plain
-from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING
 
 LISTEN_S = 0.2
 """After a reading, for messages of a robot."""

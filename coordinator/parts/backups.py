@@ -10,9 +10,8 @@ from robrain.coordinator.journal.backup import ENDING, backup_folder, prune_back
 from robrain.coordinator.journal.errors import JournalError
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.team.standing_messages import JournalBackup
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_BACKUP, JournalBackup
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.table.topics import COORDINATOR_BACKUP
 from robrain.protocol.wire.endpoint import Request, Serve
 
 logger = logging.getLogger(__name__)

@@ -27,7 +27,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_CHARGES, ChargeSchedule, PlannedCharge
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -45,7 +45,6 @@ from robrain.protocol.reasons import (
     plain,
     sentence_of,
 )
-from robrain.protocol.table.topics import COORDINATOR_CHARGES
 
 TO_SOC = 0.95
 """Target level of a charge that is not cut short."""

@@ -14,7 +14,7 @@ from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW, ExplorationLeft
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.team_messages import FrontierSummary, TeamState
@@ -23,7 +23,6 @@ from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import IdleReason, LacksRange, OfferRefusal, PositionLost, plain
-from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.protocol.wire.endpoint import Serve
 
 SHOWN_FRONTIERS = 64

@@ -7,8 +7,8 @@ import msgspec
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Endpoint
 
 ASK_AGAIN_NS = to_ns(30.0)

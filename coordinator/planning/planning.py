@@ -32,7 +32,16 @@ from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import (
+    COORDINATOR_OBJECTIVE,
+    COORDINATOR_PLANNING,
+    TASK_DECISION,
+    TASK_PROBLEM,
+    ObjectiveRequest,
+    PlannedCharge,
+    PlanningStatus,
+    TaskDecision,
+)
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -40,7 +49,6 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain, sentence_of
-from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, COORDINATOR_PLANNING, TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
 if TYPE_CHECKING:

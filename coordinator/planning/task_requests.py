@@ -13,6 +13,13 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_DRY_RUN,
+    TASK_GET,
+    TASK_KINDS,
+    TASK_LIST,
+    TASK_SUBMIT,
+    TASK_WHY,
     TaskDryRun,
     TaskFilter,
     TaskRecord,
@@ -24,15 +31,6 @@ from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TaskReason, cancelled
-from robrain.protocol.table.topics import (
-    TASK_CANCEL,
-    TASK_DRY_RUN,
-    TASK_GET,
-    TASK_KINDS,
-    TASK_LIST,
-    TASK_SUBMIT,
-    TASK_WHY,
-)
 from robrain.protocol.wire.endpoint import Deferred, Request, Serve
 
 REPLY_MAX = 10_000

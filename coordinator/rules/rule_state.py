@@ -9,8 +9,8 @@ import msgspec
 
 from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
-from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
+from robrain.protocol.messages.team.team_messages import RuleStatus
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 
 RUNS_MAX = 16

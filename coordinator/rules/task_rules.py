@@ -18,18 +18,16 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event
-from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT
 
 INBOX_MAX = 2048
 """Readings and events in one step; of more the oldest are dropped."""

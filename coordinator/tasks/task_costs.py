@@ -12,10 +12,9 @@ import msgspec
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.offer_messages import CostsRequest, TaskCost
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_COSTS, CostsRequest, TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_COSTS
 from robrain.protocol.wire.endpoint import Endpoint
 
 QUERY_TASKS_MAX = 256

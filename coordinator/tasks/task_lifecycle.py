@@ -26,7 +26,13 @@ from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import (
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    TaskAnswer,
+    TaskOffer,
+    TaskWithdrawal,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
@@ -45,7 +51,6 @@ from robrain.protocol.reasons import (
     plain,
 )
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

@@ -9,9 +9,8 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.message import JsonSchema
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
 from robrain.protocol.messages.tasks.task_messages import KnownKind
-from robrain.protocol.table.topics import ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Endpoint
 
 ASK_AGAIN_NS = to_ns(10.0)

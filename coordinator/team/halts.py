@@ -12,9 +12,8 @@ from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import HaltStatus
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, HALT, HaltStatus
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
-from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
 from robrain.protocol.wire.endpoint import Endpoint, Request
 
 REMIND_NS = to_ns(0.1)

@@ -11,12 +11,11 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
 from robrain.protocol.reasons import Gone, IdleReason, NotHeard, TopicStale, Unavailable, plain, sentence_of
-from robrain.protocol.table.topics import ROBOT_STATE
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, cube, diamond
 from robrain.dashboard.scene.scene_nodes import FloorPicture, Labels, rows
 from robrain.dashboard.state.shown_team import FloorVersion, ShownTeam
-from robrain.protocol.messages.maps.left_messages import LeftKind, RegionLeft
+from robrain.protocol.messages.maps.map_messages import LeftKind, RegionLeft
 from robrain.recording.drawing.palette import BAD, FREE, HEAT, OCCUPIED, UNKNOWN, WALL, WARNING, Rgb
 
 FLOOR_Z_M, FIELD_Z_M = -0.01, 0.01

@@ -18,7 +18,7 @@ from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 from robrain.recording.drawing.palette import Rgb
 
 logger = logging.getLogger(__name__)

@@ -17,8 +17,7 @@ from robrain.dashboard.panels.gui_values import set_visible
 from robrain.dashboard.panels.page import BY, Panel, PanelContext, RowActions
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Endpoint
 
 WIDTH_PX = 290

@@ -25,14 +25,13 @@ from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.answers.hand_control import HandControl
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import KnownKind
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_PLANNING, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import TASK_KINDS, KnownKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.schema.struct_schema import parameters_schema
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import COORDINATOR_PLANNING, ROBOT_PLUGINS, TASK_KINDS
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint
 
 if TYPE_CHECKING:  # loads the comparison of recordings

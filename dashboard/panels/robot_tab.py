@@ -21,12 +21,17 @@ from robrain.dashboard.panels.function_form import FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_options, set_value
 from robrain.dashboard.panels.page import Page, RobotPlugins, RowActions, Tab
 from robrain.dashboard.server.hand_pilot import HandPilot
-from robrain.protocol.messages.robots.host_messages import LoadRequest, ReloadRequest, UnloadRequest
-from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.robots.host_messages import (
+    HOST_LOAD,
+    HOST_RELOAD,
+    HOST_UNLOAD,
+    LoadRequest,
+    ReloadRequest,
+    UnloadRequest,
+)
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, FunctionInfo, PluginInfo
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
-from robrain.protocol.table.topic import Query
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.topic import Query
 from robrain.recording.drawing.labels import natural_key
 
 HOLD_HZ = 40.0

@@ -12,14 +12,22 @@ from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue
 from robrain.dashboard.panels.function_form import FormField, FormPanel, fields_of
 from robrain.dashboard.panels.gui_values import on_choice, set_html, set_value
 from robrain.dashboard.panels.page import BY, Page, RowActions, Tab
-from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_OBJECTIVE, ObjectiveRequest, PlanningStatus
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_SUBMIT,
+    TASK_WHY,
+    KnownKind,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.schema.announced_parameters import check_announced
-from robrain.protocol.table.topics import COORDINATOR_OBJECTIVE, TASK_CANCEL, TASK_SUBMIT, TASK_WHY
 
 HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
 """Fields of tasks that the form leaves to scripts, and the id, which is generated."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.protocol.table.topics import ROBOT_MAP
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.recording.errors import check_absent, writing
 from robrain.recording.reader.recorded_message import RecordedMessage, received, topic_named_by
 from robrain.recording.replay.player import Player

@@ -14,20 +14,19 @@ from robrain.dashboard.state.shown_robot import TRAIL_POINTS
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import TASK_DECISION
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table import topics
 from robrain.recording.reader.recorded_message import RecordedMessage, received, topic_named_by
 
 MARKS = 400
-SUMMED = {
-    topic.name for topic in (topics.TASK_EVENT, topics.TASK_DECISION, topics.ROBOT_LOG, topics.ROBOT_EVENT, topics.HALT)
-}
+SUMMED = {topic.name for topic in (TASK_EVENT, TASK_DECISION, ROBOT_LOG, ROBOT_EVENT, HALT)}
 """Topics of which every message counts, not only the last."""
-INDEXED = {*SUMMED, topics.ROBOT_STATE.name, topics.ARENA_TRUTH.name}
+INDEXED = {*SUMMED, ROBOT_STATE.name, ARENA_TRUTH.name}
 
 
 class Mark(NamedTuple):
@@ -68,7 +67,7 @@ class ReplayIndex:
             self._summed.append(known)
             return
         self._all.apply(known, time_s)
-        if topic is topics.ROBOT_STATE:
+        if topic is ROBOT_STATE:
             self._keep(known.names["robot"], time_s)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 import zenoh
 
 from robrain.protocol.errors import RobrainError
-from robrain.protocol.table.topic import Q, Query, R
+from robrain.protocol.topic import Q, Query, R
 from robrain.protocol.wire.endpoint import Endpoint
 
 WORKERS = 6

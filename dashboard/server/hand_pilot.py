@@ -15,8 +15,8 @@ import zenoh
 from robrain.protocol.answers.hand_control import DRIVER, CallDriver, HandControl
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Endpoint
 
 HELD_S = 0.1

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 from robrain.dashboard.state.shown_robot import RobotContact, RobotHealth, ShownRecorder, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import COORDINATOR_STATE
 
 LOW_SOC = 0.2
 LOW_MOTE_V = 2.4

@@ -11,9 +11,10 @@ from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.drawing.drawn_map import ComposedMap
 

@@ -10,13 +10,10 @@ Topics that a part reads and the page does not know itself stand in its `topics`
 `ShownTeam.others`.
 """
 
-import logging
 from typing import Any, TypeVar
 
-from robrain.protocol.registry import Registry, UnknownEntry
-from robrain.protocol.table.topic import Topic
-
-logger = logging.getLogger(__name__)
+from robrain.protocol.registry import Registry
+from robrain.protocol.topic import Topic
 
 PartT = TypeVar("PartT")
 
@@ -52,16 +49,7 @@ DASHBOARD_PARTS: Registry[type] = Registry("dashboard part", "robrain.dashboard_
 
 def parts_of(kind: type[PartT]) -> list[type[PartT]]:
     """The parts derived from a class, robrain's own first; a part that cannot be imported is skipped, and logged."""
-    found: list[type[PartT]] = []
-    for name in [*STOCK, *(name for name in DASHBOARD_PARTS.names if name not in STOCK)]:
-        try:
-            part = DASHBOARD_PARTS.get(name)
-        except UnknownEntry as error:
-            logger.error("%s", error)  # noqa: TRY400 - the text names the cause
-            continue
-        if issubclass(part, kind):
-            found.append(part)
-    return found
+    return [part for part in DASHBOARD_PARTS.entries().values() if issubclass(part, kind)]
 
 
 def topics_of_parts() -> list[Topic[Any]]:

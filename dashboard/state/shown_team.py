@@ -8,22 +8,42 @@ from robrain.dashboard.state.shown_robot import ShownMote, ShownRecorder, ShownR
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ROBOT_MAP, ExplorationLeft, MapPatch
 from robrain.protocol.messages.maps.patch_cells import cells_of
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
-from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
-from robrain.protocol.messages.team.recorder_messages import RecorderState
-from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_LINKS,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    PlannedPath,
+    RobotLinks,
+    RobotState,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.tasks.plan_messages import (
+    COORDINATOR_CHARGES,
+    TASK_DECISION,
+    ChargeSchedule,
+    PlannedCharge,
+    TaskDecision,
+)
+from robrain.protocol.messages.team.arena_messages import (
+    ARENA_CLOCK,
+    ARENA_PREPARATION,
+    ARENA_SCAN,
+    ARENA_TRUTH,
+    ArenaClock,
+    ArenaPreparation,
+    ArenaTruth,
+    Scan,
+)
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.refusals import Refusal
-from robrain.protocol.table import topics
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.presence import Change
 from robrain.recording.drawing.drawn_map import ComposedMap, DrawnFloor, checked_geometry
 
@@ -130,24 +150,24 @@ class ShownTeam:
         self._speed = RateMeter()
         self._traffic = RateMeter()
         handlers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
-            topics.ROBOT_STATE: self._handle_state,
-            topics.ROBOT_MAP: self._handle_patch,
-            topics.ROBOT_PATH: self._handle_path,
-            topics.ROBOT_LINKS: self._handle_links,
-            topics.ROBOT_EVENT: self._handle_event,
-            topics.ROBOT_LOG: self._handle_log,
-            topics.MOTE_READING: self._handle_reading,
-            topics.TASK_EVENT: self._handle_task,
-            topics.TASK_DECISION: self._handle_decision,
-            topics.COORDINATOR_STATE: self._handle_team,
-            topics.COORDINATOR_CHARGES: self._handle_charges,
-            topics.COORDINATOR_LEFT: self._handle_left,
-            topics.RECORDER_STATE: self._handle_recorder,
-            topics.HALT: self._handle_halt,
-            topics.ARENA_SCAN: self._handle_scan,
-            topics.ARENA_CLOCK: self._handle_clock,
-            topics.ARENA_TRUTH: self._handle_truth,
-            topics.ARENA_PREPARATION: self._handle_preparation,
+            ROBOT_STATE: self._handle_state,
+            ROBOT_MAP: self._handle_patch,
+            ROBOT_PATH: self._handle_path,
+            ROBOT_LINKS: self._handle_links,
+            ROBOT_EVENT: self._handle_event,
+            ROBOT_LOG: self._handle_log,
+            MOTE_READING: self._handle_reading,
+            TASK_EVENT: self._handle_task,
+            TASK_DECISION: self._handle_decision,
+            COORDINATOR_STATE: self._handle_team,
+            COORDINATOR_CHARGES: self._handle_charges,
+            COORDINATOR_LEFT: self._handle_left,
+            RECORDER_STATE: self._handle_recorder,
+            HALT: self._handle_halt,
+            ARENA_SCAN: self._handle_scan,
+            ARENA_CLOCK: self._handle_clock,
+            ARENA_TRUTH: self._handle_truth,
+            ARENA_PREPARATION: self._handle_preparation,
         }
         self.others: dict[str, Any] = {}
         """The last message of each key of other topics, for parts of the page that read them."""
@@ -165,7 +185,7 @@ class ShownTeam:
             handler(received.message, received.names, now_s)
         except ValueError:
             self.rejected += 1
-            if received.topic is topics.ROBOT_MAP:
+            if received.topic is ROBOT_MAP:
                 self.map_refused_s = now_s
 
     def apply_presence(self, change: Change) -> bool:

@@ -10,10 +10,10 @@ from typing import Self
 from robrain.protocol.access.member import Member
 from robrain.protocol.access.permissions import AccessAction, roles
 from robrain.protocol.errors import RobrainError
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.table.topic import WireKey
-from robrain.protocol.table.topics import HALT, ROBOT_CALL, TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, PluginInfo
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_SUBMIT, TaskRecord
+from robrain.protocol.messages.team.team_messages import HALT
+from robrain.protocol.topic import WireKey
 
 PRIORITY_MAX = 1.0
 """That of a task for which no priority is given: a task of an assistant never displaces a person's."""

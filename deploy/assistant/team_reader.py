@@ -24,13 +24,13 @@ from robrain.deploy.assistant.policy import OUTSIDE, Ban, CallRefused, call_refu
 from robrain.deploy.tasks.task_files import dry_run_lines, verdict_line
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskDryRun, TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.palette import FREE, FRONTIER, HALTED, NOSE, OCCUPIED, TASK_WAITING, UNKNOWN, style_of

@@ -51,8 +51,8 @@ def backup(
         return
     from robrain.deploy.processes.live_process import client_session, live_endpoint
     from robrain.protocol.errors import NobodyThere
+    from robrain.protocol.messages.team.standing_messages import COORDINATOR_BACKUP
     from robrain.protocol.safe_text import safe_text
-    from robrain.protocol.table.topics import COORDINATOR_BACKUP
     from robrain.protocol.wire.hub import wrong_team
 
     check_name("team", team)

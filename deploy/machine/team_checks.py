@@ -16,9 +16,10 @@ from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, 
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.table.topic import Query
-from robrain.protocol.table.topics import COORDINATOR_STATE, COORDINATOR_WHO, ROBOT_CLAIM, ROBOT_STATE, ROBOT_WHO
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
+from robrain.protocol.messages.robots.robot_messages import ROBOT_CLAIM, ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, COORDINATOR_WHO
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.session import open_session
 
 SKEW_OK_S = 0.5

@@ -17,23 +17,13 @@ from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortInUse
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.recorder_messages import RecorderState
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_PLUGINS, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.refusals import Refusal
-from robrain.protocol.table.topics import (
-    COORDINATOR_ALIVE,
-    COORDINATOR_STATE,
-    RECORDER_STATE,
-    ROBOT_ALIVE,
-    ROBOT_EVENT,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
 

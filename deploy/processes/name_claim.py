@@ -23,16 +23,10 @@ import zenoh
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import NameInUse
-from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.table.topic import Query, Token
-from robrain.protocol.table.topics import (
-    COORDINATOR_ALIVE,
-    COORDINATOR_CLAIM,
-    COORDINATOR_WHO,
-    ROBOT_ALIVE,
-    ROBOT_CLAIM,
-    ROBOT_WHO,
-)
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_CLAIM
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_CLAIM, COORDINATOR_WHO
+from robrain.protocol.topic import Query, Token
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 from robrain.protocol.wire.session import LEASE_MS
 

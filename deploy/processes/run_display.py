@@ -16,7 +16,7 @@ from robrain.deploy.command_line.terminal import (
     results,
     text_column,
 )
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft, LeftKind
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.reasons import NothingUnknown

@@ -10,7 +10,8 @@ from robrain.deploy.command_line.options import above_zero
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, steps
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder, RecordingSummary

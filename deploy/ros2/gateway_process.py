@@ -18,9 +18,16 @@ from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_PATH,
+    ROBOT_STATE,
+    BatteryState,
+    PlannedPath,
+    RobotState,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.ros2 import message_types as ros
@@ -36,7 +43,6 @@ from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, TF, Qos
 from robrain.protocol.ros2.ros_names import environment_domain
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
-from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, style_of

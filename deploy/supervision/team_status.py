@@ -16,23 +16,16 @@ from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
-from robrain.protocol.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
 from robrain.protocol.reasons import Gone, sentence_of
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.safe_text import safe_lines
-from robrain.protocol.table.topics import (
-    ARENA_TRUTH,
-    COORDINATOR_ALIVE,
-    COORDINATOR_STATE,
-    RECORDER_STATE,
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-)
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 from robrain.recording.drawing.labels import natural_key, span_text

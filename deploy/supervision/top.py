@@ -28,9 +28,9 @@ from robrain.deploy.supervision.part import (
 from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
+from robrain.protocol.messages.team.team_messages import COORDINATOR_WHO
 from robrain.protocol.safe_text import safe_text
-from robrain.protocol.table.topics import COORDINATOR_WHO, ROBOT_WHO
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints, wrong_team
 

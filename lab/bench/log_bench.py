@@ -41,8 +41,9 @@ from robrain.plugins.unit.driver.driver import Driver
 from robrain.plugins.unit.driver.interface import DriverInterface, OdometryNoise
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -22,7 +22,7 @@ from robrain.lab.fork.fork_result import ForkResult
 from robrain.lab.fork.recorded_run import RecordedRun
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import read_messages

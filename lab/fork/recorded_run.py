@@ -17,10 +17,10 @@ from robrain.lab.fork.changes import Change, SetPolicy, from_json
 from robrain.lab.fork.fork_result import repeatable
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.zenoh_link import NO_LIMIT_S
-from robrain.protocol.messages.team.arena_messages import OutsideInput, ScriptInput
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topic import JSON, Query, Topic
-from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, HALT, TOPICS
+from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE, ARENA_SCRIPT, OutsideInput, ScriptInput
+from robrain.protocol.messages.team.team_messages import HALT, Halt
+from robrain.protocol.table.topics import all_rows
+from robrain.protocol.topic import JSON, Query, Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import (
     MAP_ATTACHMENT,
@@ -137,7 +137,7 @@ def _input(message: RecordedMessage, topic: object) -> RecordedInput | None:
 
 def _row_of(key: str) -> object:
     plain = key.partition("?")[0]
-    return next((row for row in TOPICS if isinstance(row, Topic | Query) and row.parse(plain) is not None), None)
+    return next((row for row in all_rows() if isinstance(row, Topic | Query) and row.parse(plain) is not None), None)
 
 
 def _send(session: zenoh.Session, wanted: RecordedInput) -> None:

@@ -15,11 +15,11 @@ from robrain.lab.soak.soak_run import SoakRun
 from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, TaskStatus
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.refusals import RefusalCode, Refused
-from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_STATE, TASK_EVENT
 from robrain.recording.invariants.invariant import Invariant
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce

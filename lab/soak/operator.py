@@ -6,10 +6,16 @@ from robrain.lab.soak.fault_script import FaultScript, HaltOrder
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_SUBMIT,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+)
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_ALIVE, ROBOT_STATE, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Endpoint
 
 OPERATOR = "operator"

@@ -11,7 +11,8 @@ from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.snw_exploration.interface import ReceivedMote, SnwInterface
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
     COLLECT,
@@ -26,7 +27,6 @@ from robrain.protocol.model.tasks.stock_kinds import (
     TaskParameters,
 )
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import MOTE_READING, ROBOT_IMAGE
 
 SLOTS = 16
 """Number of keys of a behavior, used in turn. Late joiners get its last pictures, one for each key; a recording has

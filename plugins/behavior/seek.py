@@ -22,11 +22,10 @@ from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import SEEK, Seek
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import MOTE_READING
 
 SAMPLE_S = 0.5
 PROBE_M = 1.0

@@ -16,14 +16,13 @@ from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.plugins.unit.teammates import Doing, Mate, TeammatesInterface
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.robots.robot_messages import PlannedPath
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.reasons import PositionLost, sentence_of
-from robrain.protocol.table.topics import ROBOT_PATH
 
 FIND_ITSELF = "find itself"
 """Board text for a robot that searches for its place and has nothing else to do."""

@@ -13,9 +13,9 @@ from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.team.arena_messages import ARENA_CAMERA
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.table.topics import ARENA_CAMERA
 
 
 class Picture(msgspec.Struct, frozen=True, kw_only=True):

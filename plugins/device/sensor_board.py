@@ -10,9 +10,9 @@ import msgspec
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import Device, external
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.team.arena_messages import ARENA_SENSE
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.table.topics import ARENA_SENSE
 
 
 class Sensed(msgspec.Struct, frozen=True, kw_only=True):

@@ -24,14 +24,13 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim, Rank
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.task import ENDED
-from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
 
 class Teammate(msgspec.Struct, frozen=True):

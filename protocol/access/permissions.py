@@ -4,33 +4,19 @@ from collections.abc import Set as AbstractSet
 from enum import StrEnum
 
 from robrain.protocol.access.member import MEMBERS, MemberRole
-from robrain.protocol.table.host_queries import HOST_HALT, HOST_QUERIES, HOST_VERB
-from robrain.protocol.table.topic import Query, Role, Topic, WireKey
-from robrain.protocol.table.topics import (
-    ARENA_CAN,
-    ARENA_RADIO_TX,
-    ARENA_SERIAL_TX,
-    ARENA_TRUTH,
-    COORDINATOR_BACKUP,
-    COORDINATOR_LEAD,
-    COORDINATOR_OBJECTIVE,
-    COORDINATOR_REMOVE_ROBOT,
-    HALT,
-    MOTE_READING,
-    REPLAY_CONTROL,
-    ROBOT_CALL,
-    ROBOT_CANCEL,
-    ROBOT_FOREIGN_CALL,
-    ROBOT_FOREIGN_INFO,
-    ROBOT_OFFER,
-    ROBOT_SUBMIT,
-    ROBOT_WITHDRAW,
-    STANDBY_ROWS,
-    TASK_CANCEL,
-    TASK_SUBMIT,
-)
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
+from robrain.protocol.messages.robots.host_messages import HOST_HALT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
+from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_SUBMIT
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.messages.team.arena_messages import ARENA_CAN, ARENA_RADIO_TX, ARENA_SERIAL_TX, ARENA_TRUTH
+from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
+from robrain.protocol.messages.team.team_messages import HALT
+from robrain.protocol.topic import Query, Role, Topic, WireKey
 
-HOST = HOST_VERB.pattern.removesuffix("{verb}")
 Roles = AbstractSet[MemberRole]
 
 
@@ -68,27 +54,25 @@ PUTS: dict[str, Roles] = {
     ARENA_SERIAL_TX.name: _ARENA | _ROBOT,  # the arena opens pseudo terminals
     MOTE_READING.name: _ARENA | _ROBOT,  # simulated gateways are parts of the arena
 }
-SUBSCRIBES: dict[str, Roles] = {ARENA_TRUTH.name: ALL - _ROBOT, **{row.name: _COORDINATOR for row in STANDBY_ROWS}}
+SUBSCRIBES: dict[str, Roles] = {
+    ARENA_TRUTH.name: ALL - _ROBOT,
+    COORDINATOR_JOURNAL.name: _COORDINATOR,
+    COORDINATOR_STAND_BY.name: _COORDINATOR,
+}
 ASKS: dict[str, Roles] = {
-    **{row.name: _OPERATOR for row in (HOST_VERB, *HOST_QUERIES)},
     HOST_HALT.name: _DESK,
     ROBOT_CALL.name: _OPERATOR | _COORDINATOR,
     ROBOT_OFFER.name: _COORDINATOR,
     ROBOT_WITHDRAW.name: _COORDINATOR,
     ROBOT_SUBMIT.name: _DESK,
-    ROBOT_CANCEL.name: _OPERATOR,
     ROBOT_FOREIGN_CALL.name: _ROBOT,
     ROBOT_FOREIGN_INFO.name: _ROBOT,
+    ROBOT_WITNESS.name: _COORDINATOR,
     TASK_SUBMIT.name: _DESK,
     TASK_CANCEL.name: _DESK,
-    COORDINATOR_OBJECTIVE.name: _OPERATOR,
-    REPLAY_CONTROL.name: _OPERATOR,
-    **{row.name: _COORDINATOR for row in STANDBY_ROWS if isinstance(row, Query)},
-    COORDINATOR_BACKUP.name: _OPERATOR,
-    COORDINATOR_LEAD.name: _OPERATOR,
-    COORDINATOR_REMOVE_ROBOT.name: _OPERATOR,
+    COORDINATOR_COPY.name: _COORDINATOR,
 }
-"""Roles that ask the restricted queries."""
+"""Roles that ask a query. Else operators ask the queries that change something, and all ask those that only read."""
 ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}
 
 
@@ -114,8 +98,7 @@ def _of_query(action: AccessAction, row: Query[object, object]) -> Roles:
         return ANSWERS.get(row.name, SPEAKERS[row.by])
     if action is not AccessAction.ASK:
         return NOBODY
-    others = _OPERATOR if row.pattern.startswith(HOST) else NOBODY  # also verbs that other distributions bring
-    asks = ASKS.get(row.name, ALL if row.reads_only else others)
+    asks = ASKS.get(row.name, ALL if row.reads_only else _OPERATOR)
     return (_ROBOT | _OPERATOR) & asks if row.by is Role.ARENA else asks
 
 

@@ -12,12 +12,10 @@ from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.permissions import AccessAction, own_names, roles
 from robrain.protocol.access.signing import is_signed, signed
 from robrain.protocol.keys import ROOT
-from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.topic import Delivery, Topic, WireKey
-from robrain.protocol.table.topics import ARENA_CAN, TOPICS
+from robrain.protocol.messages.team.arena_messages import ARENA_CAN
+from robrain.protocol.table.topics import HOST_VERB, all_rows
+from robrain.protocol.topic import Delivery, Topic, WireKey
 
-ROWS: tuple[WireKey, ...] = (*TOPICS, HOST_VERB)
-"""All rows that rules are made from. Verbs from other distributions have no row."""
 ADVANCED = "@adv/**"
 """Keys under which publishers of lossless topics keep samples, announce themselves and number their messages."""
 PUTS = ("put", "delete")
@@ -26,6 +24,11 @@ MESSAGES = (
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
 """All that Zenoh has rules for."""
+
+
+def ruled_rows() -> tuple[WireKey, ...]:
+    """All rows that rules are made from. Verbs from other distributions have no row."""
+    return (*all_rows(), HOST_VERB)
 
 
 def access_control(members: Iterable[Member], router: Member | None = None) -> dict[str, Any]:
@@ -101,17 +104,17 @@ def key_of(member: Member, action: AccessAction, row: WireKey) -> str | None:
 
 
 def _keys(member: Member, action: AccessAction) -> list[str]:
-    return [key for row in ROWS if (key := key_of(member, action, row)) is not None]
+    return [key for row in ruled_rows() if (key := key_of(member, action, row)) is not None]
 
 
 def _kept(member: Member) -> list[str]:
     """Keys of the samples that it sends again: they are replies under the topic's own key."""
-    rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
+    rows = [row for row in ruled_rows() if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
     return [key for row in rows if (key := key_of(member, AccessAction.PUT, row)) is not None]
 
 
 def _advanced(member: Member, action: AccessAction) -> list[str]:
-    rows = [row for row in ROWS if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
+    rows = [row for row in ruled_rows() if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
     return [f"{key}/{ADVANCED}" for row in rows if (key := key_of(member, action, row)) is not None]
 
 

@@ -11,8 +11,8 @@ from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.keys import ROOT
 from robrain.protocol.refusals import RefusalCode, Refusals
-from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.topic import Query, Role, Topic, WireKey
+from robrain.protocol.table.topics import HOST_VERB
+from robrain.protocol.topic import Query, Role, Topic, WireKey
 
 AS = "as"
 """Chunk behind the team's name that begins a signed key."""

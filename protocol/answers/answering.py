@@ -15,7 +15,7 @@ import zenoh
 
 from robrain.protocol.answers.asked import Asked
 from robrain.protocol.errors import CallError
-from robrain.protocol.table.topic import Query
+from robrain.protocol.topic import Query
 
 READY = 2
 """Threads to begin with: one that answers, one that waits for the next query."""

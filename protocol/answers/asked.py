@@ -7,7 +7,7 @@ import zenoh
 
 from robrain.protocol.answers.trace import read_trace
 from robrain.protocol.errors import CallError
-from robrain.protocol.table.topic import JSON
+from robrain.protocol.topic import JSON
 
 BY = "by"
 """Parameter of a selector: name of the caller, if it is stated."""

@@ -9,7 +9,7 @@ from robrain.protocol.answers.asked import Answer, answer_of
 from robrain.protocol.border.border import other_names
 from robrain.protocol.codec import BAD_PAYLOAD, BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, ErrorReply, NobodyThere
-from robrain.protocol.table.topic import Query, R
+from robrain.protocol.topic import Query, R
 
 ZENOH_TIMEOUT = b"Timeout"
 """Zenoh's own reply when no participant has replied in time."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from robrain.protocol.clock import Clock, clock_difference_ns
 from robrain.protocol.codec import BAD_PAYLOAD, Codec
 from robrain.protocol.refusals import RefusalCode, Refusals
-from robrain.protocol.table.topic import Query, Topic
+from robrain.protocol.topic import Query, Topic
 
 Incoming = Topic[Any] | Query[Any, Any]
 """Entries of an inbox: messages of topics, and replies to queries."""

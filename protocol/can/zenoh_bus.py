@@ -40,8 +40,8 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.link import Declaration
 from robrain.protocol.links.receivers import NOBODY
-from robrain.protocol.table.topic import CAN_FRAME
-from robrain.protocol.table.topics import ARENA_CAN
+from robrain.protocol.messages.team.arena_messages import ARENA_CAN
+from robrain.protocol.topic import CAN_FRAME
 from robrain.protocol.wire.hub import team_endpoints
 from robrain.protocol.wire.session import open_session
 

@@ -47,7 +47,7 @@ from robrain.protocol.links.receivers import (
     route_of,
 )
 from robrain.protocol.messages.team.arena_messages import LinkCounters
-from robrain.protocol.table.topic import Delivery, Topic
+from robrain.protocol.topic import Delivery, Topic
 
 COORDINATOR = "coordinator"
 """The coordinator's party; robots are parties by their names."""

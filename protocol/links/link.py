@@ -11,7 +11,7 @@ from robrain.protocol.answers.asked import Answer, Asked
 from robrain.protocol.clock import Clock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.table.topic import Topic, Urgency
+from robrain.protocol.topic import Topic, Urgency
 
 OnSample = Callable[[str, bytes], None]
 """Takes key and payload of a sample that Zenoh delivers."""

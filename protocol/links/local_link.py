@@ -10,7 +10,7 @@ from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.link import Declaration, OnAnswer, OnChange, OnQuery, OnSample, Replies
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.table.topic import ANSWER_S, Topic, Urgency
+from robrain.protocol.topic import ANSWER_S, Topic, Urgency
 
 
 class LocalLink:

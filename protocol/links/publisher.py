@@ -9,7 +9,7 @@ from robrain.protocol.border.border import Incoming
 from robrain.protocol.clock import Clock
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.messages.message import Message
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 
 
 class Publisher:

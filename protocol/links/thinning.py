@@ -9,7 +9,7 @@ import threading
 from typing import Any
 
 from robrain.protocol.clock import Clock, to_ns, to_seconds
-from robrain.protocol.table.topic import Role, Topic
+from robrain.protocol.topic import Role, Topic
 
 BURST_S = 1.0
 """The unused budget of the last second may be sent at once, and the debt has the same limit."""

@@ -15,7 +15,7 @@ from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.link import Declaration, OnAnswer, OnChange, OnQuery, OnSample, Replies
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.table.topic import JSON, Delivery, Topic, Urgency
+from robrain.protocol.topic import JSON, Delivery, Topic, Urgency
 
 PRIORITY = {
     Urgency.REAL_TIME: zenoh.Priority.REAL_TIME,

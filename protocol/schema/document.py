@@ -10,9 +10,8 @@ from robrain.protocol.clock import AHEAD_S, BEHIND_S
 from robrain.protocol.errors import ErrorCode, ErrorReply
 from robrain.protocol.keys import DEFAULT_TEAM, NAME_PATTERN, ROOT
 from robrain.protocol.schema.struct_schema import DIALECT, definitions, reference_to
-from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.topic import JSON, Delivery, Query, Token, Topic, WireKey
-from robrain.protocol.table.topics import TOPICS
+from robrain.protocol.table.topics import HOST_VERB, all_rows
+from robrain.protocol.topic import JSON, Delivery, Query, Token, Topic, WireKey
 
 ABOUT = (
     f"Zenoh keys below `{ROOT}/{{team}}/`; names in braces are filled in. A topic is published, a query is answered, a "
@@ -78,9 +77,9 @@ def wire_document() -> dict[str, Any]:
         "use": USE,
         "default_team": DEFAULT_TEAM,
         "names": {"type": "string", "pattern": f"^{NAME_PATTERN}$"},
-        "topics": [_row(row) for row in TOPICS if isinstance(row, Topic)],
-        "queries": [_row(row) for row in TOPICS if isinstance(row, Query)],
-        "tokens": [_row(row) for row in TOPICS if isinstance(row, Token)],
+        "topics": [_row(row) for row in all_rows() if isinstance(row, Topic)],
+        "queries": [_row(row) for row in all_rows() if isinstance(row, Query)],
+        "tokens": [_row(row) for row in all_rows() if isinstance(row, Token)],
         "errors": {str(code): meaning for code, meaning in (COMMON_ERRORS | OTHER_ERRORS).items()},
         "error_reply": reference_to(ErrorReply),
         "$defs": definitions(),

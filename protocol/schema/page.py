@@ -6,8 +6,8 @@ from typing import Any, get_args, get_origin
 
 from robrain.protocol.schema.document import COMMON_ERRORS, OTHER_ERRORS
 from robrain.protocol.schema.struct_schema import Schema, definitions
-from robrain.protocol.table.topic import JSON, Delivery, Query, Token, Topic
-from robrain.protocol.table.topics import PUBLISHED, TOPICS
+from robrain.protocol.table.topics import all_rows, all_topics
+from robrain.protocol.topic import JSON, Delivery, Query, Token, Topic
 
 INTRODUCTION = """\
 # Topics and queries
@@ -68,7 +68,7 @@ def wire_page() -> str:
 def topics_table() -> str:
     """The topics."""
     rows = []
-    for topic in PUBLISHED:
+    for topic in all_topics():
         rate = f"{topic.rate_hz:g} Hz" if topic.rate_hz is not None else "–"
         recorded = "yes" if topic.recorded else "–"
         limit = _bytes(topic.max_bytes)
@@ -82,7 +82,7 @@ def topics_table() -> str:
 def queries_table() -> str:
     """The queries."""
     rows = []
-    for row in TOPICS:
+    for row in all_rows():
         if isinstance(row, Query):
             changes = "–" if row.reads_only else "yes"
             reply = _type(row.reply) if row.encoding == JSON else _encoding(row.encoding)
@@ -101,7 +101,7 @@ def errors_table() -> str:
 
 def tokens_table() -> str:
     """The tokens."""
-    rows = [(f"`{row.pattern}`", row.doc, row.by) for row in TOPICS if isinstance(row, Token)]
+    rows = [(f"`{row.pattern}`", row.doc, row.by) for row in all_rows() if isinstance(row, Token)]
     return _table(("key", "what", "by"), rows)
 
 

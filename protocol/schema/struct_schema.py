@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.errors import ErrorReply
-from robrain.protocol.table.topic import Query, Topic, WireKey
-from robrain.protocol.table.topics import TOPICS
+from robrain.protocol.table.topics import all_rows
+from robrain.protocol.topic import Query, Topic, WireKey
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 REFERENCE = "#/$defs/{name}"
@@ -217,7 +217,7 @@ def types_of(row: WireKey) -> list[Any]:
 @cache
 def definitions() -> dict[str, Schema]:
     """The schemas of all structs of the wire by name, that of error replies among them."""
-    return definitions_of([ErrorReply, *(kind for row in TOPICS for kind in types_of(row))])[1]
+    return definitions_of([ErrorReply, *(kind for row in all_rows() for kind in types_of(row))])[1]
 
 
 def reference_to(kind: Any) -> Schema:

@@ -8,7 +8,7 @@ import serial
 from serial import Serial
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Endpoint
 
 CHUNK_BYTES = 65_536

@@ -43,7 +43,7 @@ from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.links.thinning import Thinning
 from robrain.protocol.links.zenoh_link import DeclaredKeys, ZenohLink, query_options
 from robrain.protocol.refusals import RefusalCode, Refusals
-from robrain.protocol.table.topic import JSON, Q, Query, R, Token, Topic
+from robrain.protocol.topic import JSON, Q, Query, R, Token, Topic
 from robrain.protocol.wire.presence import Presence
 
 logger = logging.getLogger(__name__)

@@ -17,18 +17,11 @@ from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.signing import signed
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.table.topic import JSON, Query, Token
-from robrain.protocol.table.topics import (
-    COORDINATOR_ALIVE,
-    COORDINATOR_CLAIM,
-    COORDINATOR_WHO,
-    REPLAY_CONTROL,
-    ROBOT_ALIVE,
-    ROBOT_CLAIM,
-    ROBOT_LOG,
-    ROBOT_WHO,
-)
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, ROBOT_WHO, LogRecord
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_CLAIM
+from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_CLAIM, COORDINATOR_WHO
+from robrain.protocol.topic import JSON, Query, Token
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import check_endpoint, open_session, unknown_host
 

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import NamedTuple
 
-from robrain.protocol.table.topic import Token
+from robrain.protocol.topic import Token
 
 
 class Change(NamedTuple):

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import PUBLISHED, topic_of
+from robrain.protocol.table.topics import all_topics, topic_of
+from robrain.protocol.topic import Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.tables import Cell, Table
 from robrain.recording.provenance import Provenance
@@ -55,7 +55,7 @@ class Recording:
         self.info = recording_info(path)
         """Duration, messages of each key, versions, digest."""
         found = {parsed[0].name for key in self.info.counts if (parsed := topic_of(key)) is not None}
-        self.topics = [topic.name for topic in PUBLISHED if topic.name in found]
+        self.topics = [topic.name for topic in all_topics() if topic.name in found]
         """Names of the topics with messages."""
 
     @property
@@ -111,7 +111,7 @@ class Recording:
         return Player(self.path).map_at(t_s)
 
     def _topic(self, name: str) -> Topic[Any]:
-        for topic in PUBLISHED:
+        for topic in all_topics():
             if topic.name == name:
                 return topic
         raise RecordingError(self.path, f"there is no topic {name}; {self.path} has {', '.join(self.topics) or 'none'}")

@@ -13,7 +13,7 @@ import msgspec
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 from robrain.recording.reader.recorded_message import RecordedMessage
 
 

@@ -5,8 +5,9 @@ import foxglove
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import WireError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_STATE
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.foxglove.channels import DRAWN, FoxgloveChannels, VisualMessage
 

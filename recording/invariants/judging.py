@@ -16,7 +16,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
-from robrain.protocol.table.topic import Topic
+from robrain.protocol.topic import Topic
 from robrain.recording.invariants.invariant import (
     UNKNOWN_SURROUNDINGS,
     InvariantJudge,

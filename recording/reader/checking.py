@@ -14,7 +14,7 @@ import msgspec
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.table.topic import JSON, Topic
+from robrain.protocol.topic import JSON, Topic
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.invariants.invariant import UNKNOWN_SURROUNDINGS, Ruling, Surroundings
 from robrain.recording.invariants.judging import Judging, broken

@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.clock import NS_PER_S
-from robrain.protocol.table.topic import Role, Topic
-from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_PATH
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH
+from robrain.protocol.topic import Role, Topic
 from robrain.recording.provenance import HOST_METADATA, MANIFESTS_METADATA, RUN_METADATA, VERSIONS_METADATA
 from robrain.recording.reader.reading import RecordingInfo, read_front, read_messages, recording_info
 from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from robrain.protocol.border.border import Received
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.table.topic import Topic
 from robrain.protocol.table.topics import topic_of
+from robrain.protocol.topic import Topic
 
 
 class RecordedMessage(NamedTuple):

@@ -9,8 +9,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState

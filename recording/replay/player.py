@@ -25,7 +25,8 @@ import msgspec
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.table.topics import ROBOT_MAP, topic_of
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.table.topics import topic_of
 from robrain.recording.drawing.recorded_map import Place, RecordedMap, patches_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.chunked_file import ChunkedFile

@@ -6,9 +6,11 @@ from pathlib import Path
 
 from robrain.protocol.errors import BadName, CallError, ErrorCode
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.team.recorder_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.table.topic import Role
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, REPLAY_CONTROL, ROBOT_ALIVE, topic_of
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL, ReplayRequest, ReplayStatus
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
+from robrain.protocol.table.topics import topic_of
+from robrain.protocol.topic import Role
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import recording_info

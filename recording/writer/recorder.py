@@ -18,9 +18,11 @@ from robrain.protocol.border.border import Border
 from robrain.protocol.clock import Clock, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox, Sample
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, LostMessages, RecorderState
 from robrain.protocol.refusals import Refusal, Refusals, most_refused
-from robrain.protocol.table.topics import ARENA_OUTSIDE, PUBLISHED, RECORDER_STATE, ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.table.topics import all_topics
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.drawing.recorded_map import KnownMap
 from robrain.recording.errors import RecordingError
@@ -227,7 +229,7 @@ class Recorder:
         self._name = "rec_" + re.sub(r"[^A-Za-z0-9_.\-]", "_", path.stem)[:60] if path is not None else ""
         if endpoint.member is not None and path is not None:  # the router lets it publish under this name alone
             self._name = endpoint.member.name
-        for topic in PUBLISHED:
+        for topic in all_topics():
             if topic.recorded:
                 endpoint.subscribe(self._inbox, topic)
         self._reports: RecorderReports | None = None

@@ -19,7 +19,7 @@ from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.schema.struct_schema import bare, schema_of
-from robrain.protocol.table.topic import JSON, Topic
+from robrain.protocol.topic import JSON, Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.plain_schema import plain_schema
 from robrain.recording.provenance import (

@@ -27,12 +27,20 @@ from robrain.protocol.gc_pause import GcPause
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import COORDINATOR, EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
+from robrain.protocol.messages.team.arena_messages import (
+    ARENA_OUTSIDE,
+    ARENA_SCRIPT,
+    ArenaTruth,
+    LinkCounters,
+    OutsideInput,
+    ScriptInput,
+)
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.reasons import IdleReason
-from robrain.protocol.table.topics import ARENA_OUTSIDE, ARENA_SCRIPT, COORDINATOR_STATE, MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_lockstep_session
 from robrain.recording.provenance import Provenance, RunSetup

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D

@@ -5,9 +5,14 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.protocol.messages.team.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
+from robrain.protocol.messages.team.arena_messages import (
+    ARENA_PREPARATION,
+    ArenaPreparation,
+    ArenaTruth,
+    MoteTruth,
+    RobotTruth,
+)
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.wall_shapes import touchable_cells

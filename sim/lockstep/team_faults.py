@@ -12,8 +12,8 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.protocol.clock import Clock
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import TASK_EVENT
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.faults.fault_spec import COORDINATOR, PROCESS, WIRE, FaultKind, FaultMoment, FaultSpec, FaultTimes
 from robrain.sim.faults.process import Component, JournalDisk, Process

@@ -13,8 +13,8 @@ from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, Reading
 from robrain.plugins.unit.snw_exploration.snw_exploration import PREFIX, number_of, wire_reading
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX, MOTE_DUTY, MOTE_READING
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteReading
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, ROUTED_TYPE, Quantity, with_rssi
 from robrain.protocol.wire.endpoint import Endpoint

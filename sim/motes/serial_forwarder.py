@@ -10,7 +10,7 @@ import socket
 import msgspec
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.serial_forwarder import GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.wire.endpoint import Endpoint
 

@@ -5,7 +5,7 @@ import tty
 from pathlib import Path
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Endpoint
 
 

@@ -13,9 +13,9 @@ from robrain.algorithms.slam.map_patch import in_own_time, map_stamp_ms, merge_m
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.plugins.skill.mapper.mapper import Mapper, MapperCounters, MapperInterface, MapView
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Request
 from robrain.sim.points.point_team import POINT_TICK_S, robot_of
 

@@ -11,9 +11,9 @@ from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ARENA_SCAN, ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.firmware.battery import BatteryManager, SimulatedBattery

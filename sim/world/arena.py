@@ -13,10 +13,19 @@ import numpy as np
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
+from robrain.protocol.messages.team.arena_messages import (
+    ARENA_CAMERA,
+    ARENA_CLOCK,
+    ARENA_RADIO_RX,
+    ARENA_SENSE,
+    ARENA_TRUTH,
+    ArenaClock,
+    ArenaTruth,
+    MoteTruth,
+    RobotTruth,
+)
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SENSE, ARENA_TRUTH
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request

@@ -20,11 +20,11 @@ from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
 from robrain.sim.robot.robot_body import Body

@@ -9,11 +9,11 @@ from robrain.client.submission import BadTask, submission_of
 from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TASK_WHY, TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import TASK_EVENT, TASK_SUBMIT, TASK_WHY
 from robrain.protocol.wire.endpoint import Endpoint
 
 SCENARIO = "scenario"

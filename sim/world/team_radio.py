@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.exchange import COORDINATOR
-from robrain.protocol.messages.team.arena_messages import ArenaLinks, LinkCounters, RadioTruth
+from robrain.protocol.messages.team.arena_messages import ARENA_LINKS, ArenaLinks, LinkCounters, RadioTruth
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_LINKS
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.faults.wire_faults import WireFaults
 from robrain.sim.maps.floor_plan import FloorPlan

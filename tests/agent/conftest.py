@@ -14,7 +14,7 @@ from robrain.agent.authoring.testing import HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Plugin
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.wire.session import open_lockstep_session
 
 PRELUDE = """

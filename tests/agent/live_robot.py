@@ -9,8 +9,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.patient_endpoint import PatientEndpoint

@@ -12,8 +12,8 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress, Outcome
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_EVENT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 
 OVEN = """
     from robrain.agent.action import Action, ActionDesk

@@ -12,7 +12,7 @@ from robrain.agent.event import Event, EventPublisher
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ROBOT_EVENT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import until

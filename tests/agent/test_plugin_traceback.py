@@ -7,8 +7,7 @@ import pytest
 from robrain.agent import plugin_traceback
 from robrain.agent.plugin_traceback import MOST_CHARACTERS
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LoadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, LoadRequest
 
 LAMP = """
 import helper

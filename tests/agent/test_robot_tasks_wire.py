@@ -4,11 +4,11 @@ import pytest
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import StoodStill
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 from tests.agent.explorer import offer
 
 SEEKER = """

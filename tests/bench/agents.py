@@ -32,19 +32,11 @@ from robrain.deploy.processes.live_process import ANY_PORT, client_session, live
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.table.topic import Query
-from robrain.protocol.table.topics import (
-    COORDINATOR_STATE,
-    ROBOT_ALIVE,
-    ROBOT_CALL,
-    ROBOT_OFFER,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    ROBOT_WITHDRAW,
-)
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskAnswer
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at
 from tests.bench.live_team import TEAM, await_ready

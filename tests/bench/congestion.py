@@ -28,8 +28,8 @@ from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import COORDINATOR_STATE, HALT, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 

@@ -13,24 +13,20 @@ import msgspec
 import numpy as np
 
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, Scan
-from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
-from robrain.protocol.model.energy_model import EnergyModel
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.table.topics import (
-    ARENA_SCAN,
-    ARENA_TRUTH,
-    COORDINATOR_ALIVE,
-    COORDINATOR_STATE,
-    MOTE_READING,
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.robot_messages import (
     ROBOT_ALIVE,
-    ROBOT_MAP_WHOLE,
     ROBOT_PATH,
     ROBOT_STATE,
+    BatteryState,
+    PlannedPath,
+    RobotState,
 )
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, ARENA_TRUTH, ArenaTruth, Scan
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, RobotSummary, TeamState
+from robrain.protocol.model.energy_model import EnergyModel
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 

@@ -22,8 +22,7 @@ from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.table.topics import ARENA_TRUTH
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.scenarios.scenario import Scenario
 from tests.bench.live_team import PATIENCE_S, LiveTeam, live_team

@@ -35,10 +35,10 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 

@@ -20,8 +20,11 @@ from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_RX, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import READING_TYPE, ReadingPayload
 from robrain.protocol.tinyos.serial_line import Deframer, frame

@@ -22,10 +22,9 @@ from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.lab.bench.figure import Figure, at_least, at_most, timing
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.messages.robots.host_messages import LoadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD
-from robrain.protocol.table.topic import JSON
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, LoadRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.topic import JSON
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session, open_session
 

@@ -47,7 +47,7 @@ from tests.bench.recording import state
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.table.topics import ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 
 session = open_session(connect=[sys.argv[1]])
 wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)

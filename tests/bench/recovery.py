@@ -29,18 +29,13 @@ from robrain.protocol.access.identity import read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TASK_SUBMIT, TaskFilter, TaskSubmission
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, COORDINATOR_WHO
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import (
-    ARENA_TRUTH,
-    COORDINATOR_STATE,
-    COORDINATOR_WHO,
-    RECORDER_STATE,
-    ROBOT_STATE,
-    TASK_LIST,
-    TASK_SUBMIT,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 

@@ -22,13 +22,13 @@ from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, MOTE_READING, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.bench.live_team import live_room
 

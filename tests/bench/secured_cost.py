@@ -17,7 +17,8 @@ from rich.console import Console
 
 from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from tests.bench.recovery import RecoveryTeam, recovery_team
 
 CALLS = 400

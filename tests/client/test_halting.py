@@ -11,9 +11,8 @@ from robrain import NobodyThere, Team
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -18,29 +18,31 @@ from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_ALIVE,
+    ROBOT_STATE,
+    BatteryState,
+    RobotState,
+    TaskStatus,
+)
+from robrain.protocol.messages.tasks.offer_messages import (
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    TASK_EVENT,
+    TaskAnswer,
+    TaskEvent,
+    TaskOffer,
+    TaskWithdrawal,
+)
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topic import Query
-from robrain.protocol.table.topics import (
-    COORDINATOR_STATE,
-    ROBOT_ALIVE,
-    ROBOT_CALL,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_OFFER,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    ROBOT_WITHDRAW,
-    TASK_EVENT,
-    TASK_SUBMIT,
-)
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

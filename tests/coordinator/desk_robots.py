@@ -6,8 +6,8 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE
 from tests.coordinator.conftest import FakeRobot, Team
 
 RESUMED_NS = to_ns(0.5)

@@ -5,8 +5,7 @@ from contextlib import suppress
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest
-from robrain.protocol.table.topics import TASK_CANCEL
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskFilter, TaskRequest
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
 

@@ -8,11 +8,11 @@ from robrain.agent.board import Board
 from robrain.agent.consensus.consensus import REPORTING, Consensus
 from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from tests.coordinator.conftest import Team
 from tests.coordinator.desk_robots import DeskRobot
 

@@ -14,18 +14,14 @@ from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.team.standing_messages import RobotRemoval
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import (
-    COORDINATOR_REMOVE_ROBOT,
-    ROBOT_ALIVE,
-    ROBOT_MAP,
-    ROBOT_STATE,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S
 from tests.plain_reason import Plain

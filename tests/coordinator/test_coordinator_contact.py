@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 
 # -- losing and finding robots --------------------------------------------------------------------------------

@@ -3,10 +3,9 @@
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.messages.tasks.task_messages import TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL
 
 
 def visit(task_id="t1", x_m=6.0, **fields):

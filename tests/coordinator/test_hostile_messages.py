@@ -11,12 +11,12 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.team.roster import ROBOTS_UNSEEN_MAX
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_MAP, ROBOT_STATE
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
 DAY_MS = 24 * 3600 * 1000

@@ -20,13 +20,12 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.messages.team.arena_messages import RobotTruth
-from robrain.protocol.messages.team.recorder_messages import LostMessages, RecorderState
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, LostMessages, RecorderState
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import MinorityHeard, TopicStale
 from robrain.protocol.refusals import Refusal
-from robrain.protocol.table.topics import RECORDER_STATE
 from robrain.recording.drawing.robot_history import RobotHistory
 from tests.coordinator.planning.worlds import model
 

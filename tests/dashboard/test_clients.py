@@ -14,7 +14,7 @@ import websockets.asyncio.server
 
 from robrain.dashboard import Dashboard
 from robrain.dashboard.server.server import LocalServer, close_server, open_server
-from robrain.protocol.table.topics import ROBOT_MAP
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.dashboard.fake_browsers import FakeBrowsers
 from tests.dashboard.test_shown_team import patch, tell, tell_place

@@ -8,13 +8,17 @@ from robrain.dashboard.html.team_html import field_html, left_html, motes_html, 
 from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
-from robrain.protocol.messages.motes.mote_messages import ForwarderCount, GatewayCount, MoteFieldState, MoteReading
-from robrain.protocol.messages.tasks.rule_messages import RuleStatus
-from robrain.protocol.messages.team.arena_messages import ArenaClock
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.motes.mote_messages import (
+    MOTE_READING,
+    ForwarderCount,
+    GatewayCount,
+    MoteFieldState,
+    MoteReading,
+)
+from robrain.protocol.messages.team.arena_messages import ARENA_CLOCK, ArenaClock
+from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_CLOCK, COORDINATOR_LEFT, MOTE_READING
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page
 from tests.dashboard.test_shown_team import tell
 

@@ -6,11 +6,15 @@ from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import (
+    COORDINATOR_CHARGES,
+    ChargeSchedule,
+    PlannedCharge,
+    TaskDecision,
+)
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_CHARGES
 
 PLACE = Point2D(1.0, 2.0)
 S = 1_000_000_000

@@ -25,12 +25,12 @@ from robrain.dashboard.state.headline import (
 )
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_MAP, ROBOT_STATE
 from tests.dashboard.test_shown_team import patch, tell, tell_place, token
 
 WELL = Vitals({RobotHealth.UP: 3}, coordinator_up=True, worst_sigma_m=0.1, worst_sigma_robot="r1", late_s=0.1)

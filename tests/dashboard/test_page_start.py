@@ -13,9 +13,9 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.dashboard.state import live_source
 from robrain.dashboard.state.live_source import MapLoading
 from robrain.protocol.border.border import Received
-from robrain.protocol.messages.team.arena_messages import ArenaClock
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.team.arena_messages import ARENA_CLOCK, ArenaClock
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ARENA_CLOCK, ROBOT_MAP
 from tests.waiting import PATIENCE_S
 
 SLOW = ("numba", "llvmlite", "scipy", "pandas", "matplotlib", "PIL", "mcap", "pymunk")

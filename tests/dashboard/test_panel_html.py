@@ -18,15 +18,27 @@ from robrain.dashboard.replay.replay_source import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.robots.plugin_messages import (
+    ROBOT_EVENT,
+    ROBOT_LOG,
+    Event,
+    FunctionInfo,
+    LogRecord,
+    PluginInfo,
+)
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_STATE,
+    BatteryState,
+    PluginFault,
+    RobotState,
+    TaskStatus,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
-from robrain.protocol.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ARENA_TRUTH, HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE, TASK_EVENT
 from tests.dashboard.test_shown_team import tell
 
 EVIL = "</b><script>alert(1)</script><img src=x onerror='alert(2)'>\" onclick=\"alert(3)"

@@ -7,8 +7,8 @@ from robrain.dashboard.panels.page import Panel, Tab
 from robrain.dashboard.state import parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
+from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE
 from robrain.protocol.registry import Registry
-from robrain.protocol.table.topics import ARENA_OUTSIDE
 
 
 class GasTab(Tab):

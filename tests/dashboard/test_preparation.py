@@ -11,8 +11,10 @@ from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.team.arena_messages import (
+    ARENA_CLOCK,
+    ARENA_PREPARATION,
     ArenaClock,
     ArenaPreparation,
     ArenaTruth,
@@ -21,7 +23,6 @@ from robrain.protocol.messages.team.arena_messages import (
 )
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ARENA_CLOCK, ARENA_PREPARATION, ROBOT_MAP
 from tests.dashboard.test_shown_team import tell, token
 
 CELLS = np.array([[0, 100, -1], [0, 0, 100]], np.int8)

@@ -13,9 +13,8 @@ from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_LINKS, RadioLink, RobotLinks, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import ROBOT_LINKS
 
 NOW_S = 10.0
 

@@ -8,30 +8,32 @@ from robrain.dashboard.html.team_html import task_text
 from robrain.dashboard.state.shown_robot import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, ShownRobot
 from robrain.dashboard.state.shown_team import HISTORY_POINTS, ShownTeam
 from robrain.protocol.border.border import Received
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
-from robrain.protocol.messages.team.team_messages import Halt, RobotSummary, TeamState
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Gone
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import (
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_IMAGE,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    PlannedPath,
+    RobotState,
+    TaskStatus,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.arena_messages import (
     ARENA_CLOCK,
     ARENA_SCAN,
     ARENA_TRUTH,
-    COORDINATOR_STATE,
-    HALT,
-    MOTE_READING,
-    ROBOT_IMAGE,
-    ROBOT_MAP,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_EVENT,
+    ArenaClock,
+    ArenaTruth,
+    MoteTruth,
+    Scan,
 )
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, RobotSummary, TeamState
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import Gone
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.presence import Change
 
 

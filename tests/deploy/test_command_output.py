@@ -19,7 +19,7 @@ from robrain.deploy.command_line.terminal import new_console, print_progress, re
 from robrain.deploy.processes.process_setup import SafeLines
 from robrain.deploy.processes.run_display import accuracy_lines, links_line, print_exploration_left, print_recorded
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D

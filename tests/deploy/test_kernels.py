@@ -27,7 +27,7 @@ from robrain.deploy.processes.kernels import PARTS
 from robrain.deploy.processes.run_options import RunOptions, Watched
 from robrain.deploy.processes.running import LATER_S, KernelCompiler, Preparing
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.table.topics import ARENA_PREPARATION
+from robrain.protocol.messages.team.arena_messages import ARENA_PREPARATION
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.sim.lockstep.lockstep import LockstepRun
 from tests.waiting import PATIENCE_S, has_ended, until

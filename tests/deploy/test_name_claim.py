@@ -11,7 +11,7 @@ from robrain.deploy.processes import name_claim
 from robrain.deploy.processes.name_claim import NameClaim, NameWatcher, claim_coordinator, claim_robot
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NameInUse
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLAIM
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_CLAIM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
 from tests.waiting import until

@@ -17,11 +17,17 @@ from robrain.deploy.ros2 import gateway_process
 from robrain.deploy.ros2.gateway_process import TEXT_MAX, WAITING_MAX, Gateway, OrderOutcome, TeamOrders, halt, submit
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import NobodyThere
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_PATH,
+    ROBOT_STATE,
+    BatteryState,
+    PlannedPath,
+    RobotState,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import MapFrame
@@ -37,7 +43,6 @@ from robrain.protocol.ros2.message_types import (
 )
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
 from robrain.protocol.ros2.ros_port import ReceivedMessage
-from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP, ROBOT_MAP_WHOLE, ROBOT_PATH, ROBOT_STATE, TASK_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

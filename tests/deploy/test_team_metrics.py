@@ -11,22 +11,14 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from robrain.deploy.processes.metrics_process import COUNTERS, METRICS, TeamMetrics
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, BatteryState, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import Refusal
-from robrain.protocol.table.topics import (
-    COORDINATOR_ALIVE,
-    COORDINATOR_STATE,
-    ROBOT_ALIVE,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -14,8 +14,8 @@ from robrain.lab.fork.fork_result import ForkResult
 from robrain.lab.fork.forking import fork_run
 from robrain.lab.fork.recorded_run import recorded_run
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import RunSetup

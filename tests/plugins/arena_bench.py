@@ -9,10 +9,9 @@ from robrain.agent.authoring.testing import TICK_S, HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import COORDINATOR_STATE
+from robrain.protocol.topic import Topic
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.arena import Arena
 from robrain.sim.world.referee import team_geometry

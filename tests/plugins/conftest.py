@@ -10,13 +10,12 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.warm_up import warm_up
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
-from robrain.protocol.messages.team.arena_messages import Scan
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskAnswer, TaskOffer
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_SCAN, Scan
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_SCAN, HALT, ROBOT_OFFER, ROBOT_STATE
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec

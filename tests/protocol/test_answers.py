@@ -5,10 +5,16 @@ import pytest
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.answers.later import call_error
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.robots.host_messages import HaltAnswer, HaltRequest, ResumeRequest
-from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.table.topic import Urgency
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS, TASK_SUBMIT
+from robrain.protocol.messages.robots.host_messages import (
+    HOST_HALT,
+    HOST_RESUME,
+    HaltAnswer,
+    HaltRequest,
+    ResumeRequest,
+)
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT
+from robrain.protocol.topic import Urgency
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from tests.protocol.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S

@@ -12,25 +12,15 @@ from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.refusals import KINDS_MAX, RefusalCode, Refusals
-from robrain.protocol.table.topics import (
-    HALT,
-    MOTE_READING,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

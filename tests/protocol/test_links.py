@@ -13,8 +13,8 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.local_link import LocalLink
 from robrain.protocol.links.receivers import Declared
 from robrain.protocol.links.zenoh_link import ZenohLink
-from robrain.protocol.table.topic import JSON, Urgency
-from robrain.protocol.table.topics import ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.topic import JSON, Urgency
 from robrain.protocol.wire.session import open_lockstep_session
 
 ERROR = CallError(ErrorCode.REFUSED, "no", "because")

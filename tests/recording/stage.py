@@ -14,9 +14,8 @@ from mcap.writer import Writer
 
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.messages.team.recorder_messages import RecorderState
-from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_LOG
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.provenance import SUMMARY_METADATA, Provenance
 from robrain.recording.writer.recorder import Recorder

@@ -17,29 +17,23 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import WireError
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.team.arena_messages import Scan
-from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_PATH,
+    ROBOT_STATE,
+    BatteryState,
+    PlannedPath,
+    RobotState,
+)
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import (
-    ARENA_SCAN,
-    COORDINATOR_STATE,
-    HALT,
-    MOTE_READING,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_EVENT,
-)
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.foxglove.channels import FoxgloveChannels

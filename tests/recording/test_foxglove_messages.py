@@ -30,7 +30,7 @@ from robrain.recording.drawing.palette import (
     style_of,
 )
 from robrain.recording.foxglove import channels as foxglove_scene
-from robrain.recording.foxglove import messages as make
+from robrain.recording.foxglove import channels as make
 
 
 def scan(*ranges_mm: int, **fields: Any) -> Scan:

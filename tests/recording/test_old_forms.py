@@ -11,17 +11,18 @@ from robrain.protocol.messages.motes.mote_messages import GatewayCount, MoteRead
 from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotState, TaskStatus
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.consensus_messages import TaskHeldBy, TeamBallot
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
 from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.messages.team.arena_messages import ArenaPreparation, RadioTruth
 from robrain.protocol.messages.team.standing_messages import JournalAlarm, KnownRobot, LeadReply
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.tasks.old_form import RENAMED, upgraded_json
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import MinorityHeard, NearestOut, PlainReason
-from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_EVENT
 from robrain.recording.reader.reading import recorded_message
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"

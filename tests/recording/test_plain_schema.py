@@ -6,8 +6,8 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import PUBLISHED
+from robrain.protocol.table.topics import all_topics
+from robrain.protocol.topic import Topic
 from robrain.recording.foxglove.plain_schema import SCALARS, plain_schema
 
 
@@ -88,7 +88,7 @@ def test_each_type_has_a_plain_form() -> None:
 
 @pytest.mark.parametrize(
     "topic",
-    [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],
+    [topic for topic in all_topics() if topic.recorded and topic.message is not None],
     ids=lambda topic: topic.name,
 )
 def test_every_recorded_message_is_described_plainly(topic: Topic) -> None:

@@ -5,8 +5,7 @@ import pytest
 import zenoh
 from mcap.writer import Writer
 
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.table.topics import ROBOT_LOG
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info

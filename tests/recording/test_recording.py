@@ -12,13 +12,13 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.arena_messages import ArenaClock
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.arena_messages import ARENA_CLOCK, ArenaClock
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import ARENA_CLOCK, HALT, PUBLISHED, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.table.topics import all_topics
+from robrain.protocol.topic import Topic
 from robrain.recording import provenance
 from robrain.recording.errors import RecordingError
 from robrain.recording.writer import recording_file
@@ -86,7 +86,7 @@ def test_mcaps_own_reader_finds_each_message_as_it_was_on_the_wire(stage: Stage,
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "topic",
-    [topic for topic in PUBLISHED if topic.recorded and topic.message is not None],
+    [topic for topic in all_topics() if topic.recorded and topic.message is not None],
     ids=lambda topic: topic.name,
 )
 def test_every_recorded_topic_is_heard_and_has_a_schema_that_is_an_object(

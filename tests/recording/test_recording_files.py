@@ -20,11 +20,12 @@ from mcap.reader import make_reader
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.recorder_messages import LostMessages
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.table.topics import ROBOT_IMAGE, ROBOT_LOG, ROBOT_MAP, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.channels import FoxgloveChannels

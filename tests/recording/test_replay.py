@@ -6,18 +6,11 @@ import zenoh
 
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.arena_messages import Scan
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import (
-    ARENA_SCAN,
-    COORDINATOR_ALIVE,
-    COORDINATOR_STATE,
-    PUBLISHED,
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-)
+from robrain.protocol.table.topics import all_topics
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import read_messages
@@ -34,7 +27,7 @@ class Audience:
     def __init__(self, session: zenoh.Session) -> None:
         self.endpoint = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
         self.inbox = Inbox(capacity=100_000, every=True)
-        for topic in PUBLISHED:
+        for topic in all_topics():
             self.endpoint.subscribe(self.inbox, topic)
         self.stage = Endpoint(session, "again", VirtualClock(), Drive.LOCKSTEP)
 

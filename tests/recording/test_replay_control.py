@@ -10,8 +10,7 @@ from robrain.deploy.recordings.replaying import ReplayTerminal
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.recorder_messages import ReplayRequest, ReplayStatus
-from robrain.protocol.table.topics import REPLAY_CONTROL
+from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL, ReplayRequest, ReplayStatus
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.replay.replay import Replay

@@ -11,8 +11,8 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.recorder_messages import RecorderState
-from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.recording.provenance import Provenance

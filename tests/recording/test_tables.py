@@ -12,9 +12,9 @@ import pytest
 
 import robrain
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.table.topic import Topic
-from robrain.protocol.table.topics import PUBLISHED, ROBOT_STATE, topic_of
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.table.topics import all_topics, topic_of
+from robrain.protocol.topic import Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.exporting import export_tables
 from robrain.recording.export.tables import Table
@@ -74,7 +74,7 @@ def test_a_topic_without_messages_is_an_empty_table(run: Path) -> None:
     assert {"t_s", "halted", "by"} <= set(table.columns)
 
 
-@pytest.mark.parametrize("topic", [topic for topic in PUBLISHED if topic.recorded], ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", [topic for topic in all_topics() if topic.recorded], ids=lambda topic: topic.name)
 def test_every_recorded_topic_makes_a_table(topic: Topic) -> None:
     columns = Table(topic, 0).columns
     names = [column.name for column in columns]
@@ -166,7 +166,7 @@ def test_a_message_that_is_not_what_its_topic_says_makes_no_row(payload: bytes) 
 
 
 def test_of_a_topic_without_a_message_type_a_row_tells_the_size_and_the_names_in_its_key() -> None:
-    topic = next(topic for topic in PUBLISHED if topic.recorded and topic.message is None)
+    topic = next(topic for topic in all_topics() if topic.recorded and topic.message is None)
     names = {name: f"a{number}" for number, name in enumerate(topic.fields)}
     row = rows_of(topic, b"12345", key=topic.key("default", **names))
     assert row == {"t_s": 3.5, "wire_key": topic.key("default", **names), **names, "payload_bytes": 5}

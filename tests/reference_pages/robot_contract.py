@@ -2,23 +2,13 @@
 
 from typing import get_args
 
-from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.table.topic import Query, Token, Topic, WireKey
-from robrain.protocol.table.topics import (
-    COORDINATOR_HALT,
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_ALIVE,
-    ROBOT_COSTS,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_OFFER,
-    ROBOT_PATH,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-    ROBOT_WITHDRAW,
-)
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.host_messages import HOST_HALT, HOST_RESUME
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_COSTS, ROBOT_OFFER, ROBOT_WITHDRAW
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, COORDINATOR_STATE, HALT
+from robrain.protocol.topic import Query, Token, Topic, WireKey
 from tests.reference_pages.markdown import table
 
 REQUIRED: tuple[tuple[WireKey, str], ...] = (

@@ -8,24 +8,20 @@ import numpy as np
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
-from robrain.protocol.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import (
-    ARENA_TRUTH,
-    COORDINATOR_ALIVE,
-    HALT,
-    MOTE_READING,
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.robot_messages import (
     ROBOT_ALIVE,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_MAP_WHOLE,
     ROBOT_PATH,
     ROBOT_STATE,
+    BatteryState,
+    PlannedPath,
+    RobotState,
 )
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, HALT
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.session import listening_at, open_session
 

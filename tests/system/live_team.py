@@ -9,8 +9,11 @@ import psutil
 
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
-from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_CALL, ROBOT_STATE, TASK_LIST
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth, RobotTruth
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.system.conftest import Commands, member_at
 from tests.waiting import until

@@ -27,10 +27,11 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 

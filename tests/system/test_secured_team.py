@@ -25,7 +25,8 @@ from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, WireError
-from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_WHO, HALT, ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, COORDINATOR_WHO, HALT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
 from robrain.protocol.wire.session import listening_at, open_session

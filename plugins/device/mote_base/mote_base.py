@@ -16,10 +16,10 @@ from robrain.plugins.device.mote_base.interface import MoteBaseInterface, Receiv
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.serial.serial_line import write_at_once
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.tinyos.serial_line import SerialLink

@@ -3,12 +3,11 @@
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarDevice, Mount, ScanMaker
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.serial.points import Point
-from robrain.protocol.table.topics import ARENA_SCAN
 
 MM_PER_M = 1000.0
 CENTRAL = Mount()

@@ -27,11 +27,11 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import AHEAD_S, BEHIND_S, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import Closures, MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE, Closures, MapPatch
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.wire.endpoint import Endpoint
 
 logger = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ from robrain.plugins.unit.snw_exploration.interface import ReceivedMote
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import COORDINATOR_ALIVE
 from robrain.protocol.tinyos.payloads import (
     CENTI,
     DECI,

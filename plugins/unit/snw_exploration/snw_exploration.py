@@ -16,11 +16,10 @@ from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
-from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotLinks
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty, MoteReading
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_LINKS, RadioLink, RobotLinks
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
-from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, ROBOT_ALIVE, ROBOT_LINKS
 from robrain.protocol.tinyos.packet import BROADCAST, BadPacket
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,

@@ -8,6 +8,7 @@ from msgspec import UNSET, Meta, UnsetType
 from robrain.protocol.messages.message import Message
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Count, Name, Quantity, Seconds, Stamp
+from robrain.protocol.topic import Delivery, Role, Topic, Urgency
 
 
 class MoteReading(Message, frozen=True, kw_only=True):
@@ -132,3 +133,11 @@ class MoteFieldState(msgspec.Struct, frozen=True, kw_only=True):
             dropped = f", has dropped {gateway.dropped}" if gateway.dropped else ""
             words += f"; gateway {gateway.name} stores {gateway.waiting}{dropped}"
         return words
+
+
+MOTE_READING = Topic(
+    "mote/{mote}/reading", "A reading that a robot or gateway received", MoteReading, delivery=Delivery.LOSSLESS,
+    urgency=Urgency.DATA_LOW, recorded=True, max_bytes=16_384)  # fmt: skip
+MOTE_DUTY = Topic(
+    "mote/{mote}/duty", "Sampling interval of a mote; a robot that meets the mote sends it", MoteDuty,
+    role=Role.COORDINATOR, delivery=Delivery.LOSSLESS, cache=1, recorded=True, max_bytes=4096)  # fmt: skip

@@ -1,12 +1,15 @@
 """Reports of a robot about its plugins: their functions and events, their log, the process that runs them."""
 
+from types import NoneType
 from typing import Annotated, Any, Self
 
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.errors import PLUGIN_ERRORS
 from robrain.protocol.messages.message import JsonSchema, Message, Prose
 from robrain.protocol.model.ranges import Count, Name, Names, Seconds, Text
+from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
 
 
 class Event(Message, frozen=True, kw_only=True):
@@ -114,3 +117,35 @@ class PluginInfo(msgspec.Struct, frozen=True, kw_only=True):
     def reason(self) -> str:
         """Reason of its state, without that of the plugin because of which it does not run."""
         return f"because of {self.because_of}" if self.because_of else self.why
+
+
+ROBOT_WHO = Query(
+    "robot/{robot}/who", "Process that holds the robot's name: replies host, process id, Zenoh id and version",
+    NoneType, ProcessInfo, reads_only=True)  # fmt: skip
+ROBOT_PLUGINS = Query(
+    "robot/{robot}/plugins", "Loaded plugins with state and functions", NoneType, list[PluginInfo],
+    reads_only=True)  # fmt: skip
+ROBOT_CALL = Query(
+    "robot/{robot}/call/{plugin}/{function}",
+    "External call: arguments as a JSON array (by position) or object (by name), reply is the JSON result; the "
+    "holder of an exclusive plugin names itself with `?by=NAME` behind the key", bytes, bytes,
+    urgency=Urgency.INTERACTIVE_HIGH, errors=PLUGIN_ERRORS)  # fmt: skip
+ROBOT_EVENT = Topic(
+    "robot/{robot}/event/{plugin}/{event}", "Events that the robot publishes", Event, delivery=Delivery.LOSSLESS,
+    cache=256, urgency=Urgency.INTERACTIVE_HIGH, recorded=True)  # fmt: skip
+ROBOT_LOG = Topic(
+    "robot/{robot}/log", "Log records", LogRecord, urgency=Urgency.DATA_LOW, recorded=True,
+    max_bytes=65_536)  # fmt: skip
+ROBOT_LOG_KEPT = Query(
+    "robot/{robot}/log/kept", "The last log records of each plugin and part, oldest first", NoneType, list[LogRecord],
+    reads_only=True)  # fmt: skip
+ROBOT_FOREIGN = Token(
+    "robot/{robot}/foreign/{plugin}",
+    "Liveliness token of a plugin that is a separate process, in any language")  # fmt: skip
+ROBOT_FOREIGN_INFO = Query(
+    "robot/{robot}/foreign/{plugin}/info", "Description of such a plugin: replies a `PluginInfo`", NoneType, PluginInfo,
+    reads_only=True)  # fmt: skip
+ROBOT_FOREIGN_CALL = Query(
+    "robot/{robot}/foreign/{plugin}/call/{function}",
+    "External call of such a plugin, relayed by the robot's host; arguments and reply as for `call`", bytes, bytes,
+    urgency=Urgency.INTERACTIVE_HIGH, errors=PLUGIN_ERRORS)  # fmt: skip

@@ -30,6 +30,7 @@ from robrain.protocol.model.ranges import (
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import OfferRefusal
 from robrain.protocol.refusals import Refused
+from robrain.protocol.topic import PNG, Delivery, Token, Topic, Urgency
 
 
 class BatteryState(msgspec.Struct, frozen=True, kw_only=True):
@@ -186,3 +187,22 @@ class RobotLinks(Message, frozen=True, kw_only=True):
     robot: Name
     links: Annotated[list[RadioLink], Meta(max_length=10_000)] = msgspec.field(default_factory=list)
     """One entry for each mote and robot that is received."""
+
+
+ROBOT_ALIVE = Token("robot/{robot}/alive", "Liveliness token of the agent")
+ROBOT_CLAIM = Token(
+    "robot/{robot}/claim/{stage}/{process}",
+    "Liveliness token of a starting agent: `asks` while it claims the robot's name, then `has` until it is alive",
+)
+ROBOT_STATE = Topic(
+    "robot/{robot}/state", "Pose, velocity, battery, current behavior and task", RobotState, rate_hz=10, periods_max=3,
+    delivery=Delivery.LATEST, urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=65_536)  # fmt: skip
+ROBOT_PATH = Topic(
+    "robot/{robot}/path", "The robot's planned path, on change", PlannedPath, delivery=Delivery.LATEST, recorded=True,
+    max_bytes=4_194_304)  # fmt: skip
+ROBOT_LINKS = Topic(
+    "robot/{robot}/links", "Motes and robots received on the motes' radio, with RSSI", RobotLinks, rate_hz=0.5,
+    delivery=Delivery.LATEST, urgency=Urgency.DATA_LOW, recorded=True)  # fmt: skip
+ROBOT_IMAGE: Topic[bytes] = Topic(
+    "robot/{robot}/image/{image}", "A picture for a task; the task's result names its key", delivery=Delivery.LOSSLESS,
+    cache=1, urgency=Urgency.BACKGROUND, recorded=True, encoding=PNG, max_bytes=16_777_216)  # fmt: skip

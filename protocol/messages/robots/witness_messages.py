@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.ranges import Count, Name, Stamp
+from robrain.protocol.topic import Query, Urgency
 
 WITNESSES_MAX = 63
 Witnesses = Annotated[list[Name], Meta(max_length=WITNESSES_MAX)]
@@ -104,3 +105,9 @@ class Led(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the election."""
     stamp_ns: Stamp
     """When that coordinator sent it, by its own clock."""
+
+
+ROBOT_WITNESS = Query(
+    "robot/{robot}/witness",
+    "A coordinator asks a robot to elect it, or to remember which journals have all that was acknowledged",
+    WitnessRequest, WitnessReply, urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip

@@ -5,11 +5,14 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.messages.tasks.offer_messages import robot_task_query
+from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskSubmission
 from robrain.protocol.model.ballot import Ballot, SeenBallots
 from robrain.protocol.model.ranges import Duration, Epoch, Name, Names, Stamp
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.topic import Delivery, Topic, Urgency
 
 ENDS_MAX = 256
 """Tasks done without a coordinator that a robot remembers; at this number it begins no other (chosen)."""
@@ -157,3 +160,13 @@ class TeamBallot(Message, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.ballot.robot != self.robot:
             raise ValueError(f"expected the ballot of {self.robot}, got that of {self.ballot.robot}")
+
+
+ROBOT_SUBMIT = robot_task_query(
+    "submit", TaskSubmission, TaskAcceptance, "Submit a task to the robot: replies its holder",
+    errors=(ErrorCode.REFUSED,))  # fmt: skip
+ROBOT_CANCEL = robot_task_query(
+    "cancel", TaskRequest, CancelAcceptance, "Cancel a task of the robot", errors=(ErrorCode.REFUSED,))  # fmt: skip
+ROBOT_BALLOT = Topic(
+    "robot/{robot}/ballot", "Bids without a coordinator", TeamBallot, rate_hz=5, delivery=Delivery.LATEST,
+    urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=2**18)  # fmt: skip

@@ -1,6 +1,6 @@
 """Offer and withdrawal of a task between coordinator and robot, the robot's answer, and the events of a task."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import msgspec
 from msgspec import Meta
@@ -9,6 +9,7 @@ from robrain.protocol.messages.message import Message, Result
 from robrain.protocol.model.ranges import Count, Duration, Epoch, Length, Name, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import OfferRefusal, TaskReason, sentence_of
+from robrain.protocol.topic import Delivery, Q, Query, R, Topic, Urgency
 
 Lease = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 """Lease of a task, seconds."""
@@ -90,3 +91,20 @@ class TaskCost(msgspec.Struct, frozen=True, kw_only=True):
     """Packets sent to motes."""
     why: Text = ""
     """Why the robot cannot estimate it; empty if it can."""
+
+
+def robot_task_query(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:
+    """The row of a query about a robot's tasks, `robot/{robot}/task/VERB`."""
+    return Query(f"robot/{{robot}}/task/{verb}", doc, request, reply, alias=f"robot_{verb}",
+                 urgency=Urgency.INTERACTIVE_HIGH, **more)  # fmt: skip
+
+
+ROBOT_OFFER = robot_task_query(
+    "offer", TaskOffer, TaskAnswer, "The coordinator offers a task with its fencing epoch and lease")  # fmt: skip
+ROBOT_WITHDRAW = robot_task_query("withdraw", TaskWithdrawal, TaskAnswer, "The coordinator withdraws a task")
+ROBOT_COSTS = robot_task_query(
+    "costs", CostsRequest, list[TaskCost], "Costs of tasks at their places, by the robot's own estimate",
+    reads_only=True)  # fmt: skip
+TASK_EVENT = Topic(
+    "task/event", "Every change of every task, with its reason", TaskEvent, delivery=Delivery.LOSSLESS, cache=1024,
+    urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=262_144, earlier="task/event/{task}")  # fmt: skip

@@ -3,6 +3,7 @@
 As in `messages`: JSON, unknown fields ignored, new fields with defaults.
 """
 
+from types import NoneType
 from typing import Annotated
 
 import msgspec
@@ -14,6 +15,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.reasons import PlainReason, PlanReason
+from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 Most = Meta(max_length=100_000)
 """Of lists with an entry for each robot, charger or task."""
@@ -128,3 +130,20 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """All that are known to robots of the team, arena frame."""
     charges: Annotated[tuple[PlannedCharge, ...], Most] = ()
     """Robots that charge, with charger and time."""
+
+
+TASK_DECISION = Topic(
+    "task/decision", "Robots that the plan gives a task to, the costs of each robot, and the reason", TaskDecision,
+    delivery=Delivery.LOSSLESS, cache=256, recorded=True)  # fmt: skip
+TASK_PROBLEM = Topic(
+    "task/problem", "A plan with all its inputs", PlanProblem, urgency=Urgency.BACKGROUND, recorded=True,
+    max_bytes=67_108_864)  # fmt: skip
+COORDINATOR_CHARGES = Topic(
+    "coordinator/charges", "Expected charges: robot, charger and time", ChargeSchedule, delivery=Delivery.LOSSLESS,
+    recorded=True)  # fmt: skip
+COORDINATOR_PLANNING = Query(
+    "coordinator/planning", "Allocator and objective: replies a `PlanningStatus`", NoneType, PlanningStatus,
+    urgency=Urgency.INTERACTIVE_HIGH, reads_only=True)  # fmt: skip
+COORDINATOR_OBJECTIVE = Query(
+    "coordinator/objective", "Set the objective of plans: replies a `PlanningStatus`", ObjectiveRequest, PlanningStatus,
+    urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip

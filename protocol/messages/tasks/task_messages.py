@@ -3,17 +3,20 @@
 As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
 """
 
+from types import NoneType
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import RobotReason, TaskReason, sentence_of
+from robrain.protocol.topic import Q, Query, R, Urgency
 
 Limit = Annotated[int, Meta(ge=-1_000_000, le=1_000_000)]
 
@@ -234,3 +237,19 @@ def _flat(value: object, name: str = "") -> dict[str, object]:
 
 def _shown(value: object) -> str:
     return "unset" if value is None else msgspec.json.encode(value).decode()
+
+
+def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
+    return Query(f"task/{verb}", doc, request, reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only,
+                 errors=(ErrorCode.REFUSED,))  # fmt: skip
+
+
+TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Submit a task: replies its record, or refuses it")
+TASK_DRY_RUN = _task_query(
+    "dry_run", TaskSubmission, TaskDryRun, "Expected result if the task were submitted now",
+    reads_only=True)  # fmt: skip
+TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "Cancel a task: replies its record")
+TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Records of tasks", reads_only=True)
+TASK_GET = _task_query("get", TaskRequest, TaskRecord, "Record of one task", reads_only=True)
+TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Kinds of tasks that the robots offer", reads_only=True)
+TASK_WHY = _task_query("why", TaskRequest, TaskWhy, "Reason of a task's state", reads_only=True)

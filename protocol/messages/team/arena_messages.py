@@ -1,6 +1,8 @@
 """Messages of a simulated world."""
 
+from dataclasses import replace
 from enum import StrEnum
+from types import NoneType
 from typing import Annotated
 
 import msgspec
@@ -11,6 +13,7 @@ from robrain.protocol.messages.message import Message
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import Count, Joules, Length, Metres, Name, Radians, Seconds, Share, Text
+from robrain.protocol.topic import CAN_FRAME, PNG, SERIAL_BYTES, TINYOS_PACKET, Delivery, Query, Role, Topic, Urgency
 
 Ranges = Annotated[list[Annotated[int, Meta(ge=0, le=10_000_000)]], Meta(max_length=100_000)]
 
@@ -166,3 +169,47 @@ class OutsideInput(Message, frozen=True, kw_only=True):
 
 class ScriptInput(OutsideInput, frozen=True, kw_only=True):
     """A request of the script that runs a team in lockstep, which may have changed the run."""
+
+
+ARENA_CAN: Topic[bytes] = Topic(
+    "arena/{robot}/can/{channel}",
+    "A frame on a simulated robot's CAN bus; its nodes find each other by a query here, with empty replies",
+    rate_hz=100, urgency=Urgency.INTERACTIVE_HIGH, encoding=CAN_FRAME, max_bytes=4096)  # fmt: skip
+ARENA_RADIO_RX: Topic[bytes] = Topic(
+    "arena/{robot}/radio/rx", "A TinyOS packet that the robot's base station receives", encoding=TINYOS_PACKET,
+    max_bytes=4096)  # fmt: skip
+ARENA_RADIO_TX: Topic[bytes] = Topic(
+    "arena/{robot}/radio/tx", "A TinyOS packet that the robot's base station sends", role=Role.ROBOT,
+    encoding=TINYOS_PACKET, max_bytes=4096)  # fmt: skip
+ARENA_SERIAL: Topic[bytes] = Topic(
+    "arena/{robot}/serial/{line}", "Bytes that a simulated robot's hardware sends on a serial line",
+    encoding=SERIAL_BYTES, max_bytes=65_536)  # fmt: skip
+ARENA_SERIAL_TX: Topic[bytes] = Topic(
+    "arena/{robot}/serial/{line}/tx", "Bytes that a robot sends on a serial line of its simulated hardware",
+    role=Role.ROBOT, encoding=SERIAL_BYTES, max_bytes=4096)  # fmt: skip
+ARENA_SCAN = Topic(
+    "arena/{robot}/scan", "One turn of a simulated lidar", Scan, rate_hz=5, delivery=Delivery.LATEST,
+    recorded=True)  # fmt: skip
+ARENA_CAMERA = Query(
+    "arena/{robot}/camera", "Present picture of a simulated robot's camera: replies a PNG", NoneType, bytes,
+    encoding=PNG, reads_only=True)  # fmt: skip
+ARENA_SENSE = Query(
+    "arena/{robot}/sense",
+    "Present readings of the sensor board on a simulated robot: replies an object of numbers by reading", NoneType,
+    dict[str, float], reads_only=True)  # fmt: skip
+ARENA_CLOCK = Topic("arena/clock", "The arena's time", ArenaClock, rate_hz=10, delivery=Delivery.LATEST, max_bytes=4096)
+ARENA_TRUTH = Topic(
+    "arena/truth", "True poses, and the explored share", ArenaTruth, rate_hz=5, delivery=Delivery.LATEST, recorded=True,
+    max_bytes=16_777_216)  # fmt: skip
+ARENA_LINKS = Topic(
+    "arena/links", "Links of the team's simulated radio", ArenaLinks, rate_hz=2, delivery=Delivery.LATEST,
+    recorded=True, max_bytes=16_777_216)  # fmt: skip
+ARENA_PREPARATION = Topic(
+    "arena/preparation", "Floor plan and places before a lockstep run begins, while its navigation is compiled",
+    ArenaPreparation, rate_hz=4, delivery=Delivery.LATEST, max_bytes=16_777_216)  # fmt: skip
+ARENA_OUTSIDE = Topic(
+    "arena/outside", "A query, frame or packet that reached a lockstep run from another process", OutsideInput,
+    recorded=True, max_bytes=2_097_152)  # fmt: skip
+ARENA_SCRIPT = replace(
+    ARENA_OUTSIDE, pattern="arena/script", doc="A query of the script that runs a lockstep team",
+    message=ScriptInput)  # fmt: skip

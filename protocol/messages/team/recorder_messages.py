@@ -8,6 +8,7 @@ from msgspec import Meta
 from robrain.protocol.messages.message import Message
 from robrain.protocol.model.ranges import Count, Name, Seconds, Speed, Text
 from robrain.protocol.refusals import Refused
+from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 
 class LostMessages(msgspec.Struct, frozen=True):
@@ -65,3 +66,11 @@ class ReplayStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Seconds of the recording per second."""
     playing: bool
     """Whether it moves."""
+
+
+RECORDER_STATE = Topic(
+    "recorder/{recorder}/state", "State of a recorder, with lost messages", RecorderState, rate_hz=1, periods_max=3,
+    delivery=Delivery.LATEST, urgency=Urgency.DATA_LOW, max_bytes=65_536)  # fmt: skip
+REPLAY_CONTROL = Query(
+    "replay/control", "Pause a replay, seek in it, change its speed: replies a `ReplayStatus`", ReplayRequest,
+    ReplayStatus, urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip

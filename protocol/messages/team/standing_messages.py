@@ -4,16 +4,19 @@ The journal of the one that stands by is a copy. It asks for the whole once, pag
 which are numbered without gaps from the coordinator's start. All of it may be repeated, lost or reordered on the wire.
 """
 
+from types import NoneType
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.robots.witness_messages import Lead, Led
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
+from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 ENTRIES_MAX = 64
 PAGE_TASKS = 64
@@ -173,3 +176,25 @@ class JournalBackup(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks that have not ended."""
     last_changed_ns: Stamp
     """Stamp of the last change in it; 0 without any."""
+
+
+COORDINATOR_JOURNAL = Topic(
+    "coordinator/journal", "Changes of the coordinator's journal, for standby coordinators", JournalChanges, rate_hz=5,
+    delivery=Delivery.LOSSLESS, urgency=Urgency.DATA_HIGH, max_bytes=33_554_432)  # fmt: skip
+COORDINATOR_STAND_BY = Topic(
+    "coordinator/stand_by", "Position of a standby coordinator in the journal", StandByState, rate_hz=5,
+    delivery=Delivery.LOSSLESS, urgency=Urgency.DATA_HIGH, max_bytes=65_536)  # fmt: skip
+COORDINATOR_COPY = Query(
+    "coordinator/journal/copy", "A page of the coordinator's journal, for standby coordinators", CopyRequest,
+    JournalPage, alias="coordinator_copy", urgency=Urgency.BACKGROUND, reads_only=True)  # fmt: skip
+COORDINATOR_BACKUP = Query(
+    "coordinator/journal/backup", "Write a backup of the coordinator's journal, on its machine", NoneType,
+    JournalBackup, alias="coordinator_backup", urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ),
+    timeout_s=60.0)  # fmt: skip
+COORDINATOR_LEAD = Query(
+    "coordinator/lead",
+    "The operator makes this coordinator lead: no other journal has more, and silent robots do no tasks", LeadRequest,
+    LeadReply, urgency=Urgency.INTERACTIVE_HIGH)  # fmt: skip
+COORDINATOR_REMOVE_ROBOT = Query(
+    "coordinator/remove_robot", "Remove a robot that has left the network from the team", RobotRemoval, NoneType,
+    urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip

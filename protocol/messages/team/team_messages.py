@@ -1,19 +1,45 @@
 """The state of the team, and halts of the team."""
 
-from typing import Annotated
+from types import NoneType
+from typing import Annotated, cast
 
 import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState
+from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
-from robrain.protocol.messages.tasks.rule_messages import Rules
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
 from robrain.protocol.reasons import IdleReason, MinorityHeard, TopicStale, Unavailable, sentence_of
 from robrain.protocol.refusals import Refused
+from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
+
+
+class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One rule, and its actions since the coordinator started."""
+
+    name: Name
+    waits: Text = ""
+    """Its trigger, and the kind of task that it then makes, as text."""
+    made: Count = 0
+    """Tasks that it has made."""
+    open: Count = 0
+    """Its tasks that have not ended, those of earlier coordinators included."""
+    alarms: Count = 0
+    """Motes for which it has made a task and that have not been clear since; 1 for all, if it is one for the team."""
+    refused: Count = 0
+    """Tasks that it would have made, had they been possible."""
+    why: Text = ""
+    """Why the last of these was not, in words."""
+    last_ns: Stamp = 0
+    """When it made the last one; 0 if it has made none."""
+
+
+Rules = Annotated[list[RuleStatus], Meta(max_length=1000)] | msgspec.UnsetType
+"""Absent if there are no rules."""
 
 
 class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -130,3 +156,23 @@ class Halt(Message, frozen=True, kw_only=True):
     by: Text
     """Name of the sender of the halt. The same name, or one that starts with `operator`, may resume."""
     reason: Text = ""
+
+
+COORDINATOR_ALIVE = Token("coordinator/alive", "Liveliness token of the coordinator")
+COORDINATOR_CLAIM = Token(
+    "coordinator/claim/{stage}/{process}",
+    "Liveliness token of a starting coordinator: `asks` while it claims the role, then `has` until it is alive",
+)
+COORDINATOR_WHO = Query(
+    "coordinator/who", "Process that is the coordinator: replies host, process id, Zenoh id and version", NoneType,
+    ProcessInfo, reads_only=True)  # fmt: skip
+COORDINATOR_STATE = Topic(
+    "coordinator/state", "Summary of the team", TeamState, rate_hz=2, periods_max=3, delivery=Delivery.LATEST,
+    urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=16_777_216)  # fmt: skip
+COORDINATOR_HALT = Query(
+    "coordinator/halt", "State of the emergency halt: replies a `HaltStatus`, or null; robots ask before they start",
+    NoneType, cast("type[HaltStatus | None]", HaltStatus | None), urgency=Urgency.INTERACTIVE_HIGH,
+    reads_only=True)  # fmt: skip
+HALT = Topic(
+    "halt", "Team-wide emergency halt, or its end", Halt, urgency=Urgency.REAL_TIME, recorded=True, max_bytes=4096,
+    is_blocking=True)  # fmt: skip

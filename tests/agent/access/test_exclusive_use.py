@@ -9,9 +9,8 @@ from robrain.agent.errors import PluginBusy
 from robrain.agent.lifecycle.access import ExclusiveUse
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import BadName, CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LONGEST_LEASE_S
-from robrain.protocol.table.host_queries import HOST_HOLD, HOST_RELEASE
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.host_messages import HOST_HOLD, HOST_RELEASE, LONGEST_LEASE_S
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 
 LAB = """
     class ArmInterface(Protocol):

@@ -28,9 +28,8 @@ from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import HoldRequest
-from robrain.protocol.table.host_queries import HOST_HOLD
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_EVENT
+from robrain.protocol.messages.robots.host_messages import HOST_HOLD, HoldRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.agent.conftest import Bench

@@ -19,7 +19,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.table.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 
 add = FunctionInfo(name="add", signature="()", doc="", parameters={"type": "object"}, returns={})
 info = PluginInfo(name="gauge", level="device", state="active", visibility=["command", "driver"], functions=[add])

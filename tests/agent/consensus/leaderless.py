@@ -8,8 +8,9 @@ import msgspec
 
 from robrain.client.team import Team
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ROBOT_BALLOT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario

@@ -7,13 +7,12 @@ from robrain.agent.consensus.consensus import Consensus
 from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent
-from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT, TeamBallot
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskAnswer, TaskEvent
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, RobotSummary, TeamState
 from robrain.protocol.model.ballot import Ballot, SeenBallot
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_BALLOT, TASK_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

@@ -13,6 +13,7 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.consensus_messages import (
     ASKED_MAX,
     ENDS_MAX,
+    ROBOT_BALLOT,
     TaskAsked,
     TaskDone,
     TaskHeld,
@@ -25,7 +26,6 @@ from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.model.ballot import Ballot, Bid, SeenBallot
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Occupied
-from robrain.protocol.table.topics import ROBOT_BALLOT
 from tests.agent.consensus.one_robot import OneRobot, alone, free, visit
 
 

@@ -9,10 +9,9 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.consensus_messages import TaskAsked, TaskDone
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TaskFilter, TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_LIST
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.session import open_lockstep_session
 

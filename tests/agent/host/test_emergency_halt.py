@@ -2,14 +2,20 @@ import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import HaltRequest, ResumeRequest
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.offer_messages import TaskOffer
-from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
+from robrain.protocol.messages.robots.host_messages import HOST_HALT, HOST_RESUME, HaltRequest, ResumeRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskOffer
+from robrain.protocol.messages.team.team_messages import (
+    COORDINATOR_HALT,
+    COORDINATOR_STATE,
+    HALT,
+    Halt,
+    HaltStatus,
+    TeamState,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.host_queries import HOST_HALT, HOST_RESUME
-from robrain.protocol.table.topics import COORDINATOR_HALT, COORDINATOR_STATE, HALT, ROBOT_LOG, ROBOT_OFFER, ROBOT_STATE
 
 ROBOT = """
     DIARY = []

@@ -7,7 +7,8 @@ from robrain.agent.plugin import PluginState
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 
 HOUSE = """
     class BoilerInterface(Protocol):

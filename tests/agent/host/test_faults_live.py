@@ -11,8 +11,8 @@ from robrain.agent.errors import PluginInactive
 from robrain.agent.host import live_drive
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.host_queries import HOST_UNLOAD
-from robrain.protocol.table.topics import ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import HOST_UNLOAD
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 HANG_S = 0.3

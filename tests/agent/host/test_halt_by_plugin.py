@@ -4,10 +4,10 @@ import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import ResumeRequest, UnloadRequest
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.host_queries import HOST_RESUME, HOST_UNLOAD
-from robrain.protocol.table.topics import HALT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import HOST_RESUME, HOST_UNLOAD, ResumeRequest, UnloadRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 
 CODE = """
     WHY = []

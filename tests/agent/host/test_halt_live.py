@@ -16,10 +16,10 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import CommandRequest, HaltRequest
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.host_queries import HOST_COMMAND, HOST_HALT
-from robrain.protocol.table.topics import HALT, ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import HOST_COMMAND, HOST_HALT, CommandRequest, HaltRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.patient_endpoint import PatientEndpoint

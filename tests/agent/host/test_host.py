@@ -4,8 +4,9 @@ import pytest
 
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
 
 DICE = """
     from robrain.protocol.model.geometry import Pose2D

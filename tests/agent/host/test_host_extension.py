@@ -7,12 +7,12 @@ from robrain.agent.host import host_extension
 from robrain.agent.host.host_extension import HostExtension
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import Occupied
 from robrain.protocol.registry import Registry
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_STATE, ROBOT_WITHDRAW
 
 BUSY = Occupied("beacon", "it blinks")
 

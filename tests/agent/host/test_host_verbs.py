@@ -9,20 +9,21 @@ import pytest
 from robrain.agent.host import host_verbs
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import CommandRequest, HoldRequest, UnloadRequest
-from robrain.protocol.registry import Registry
-from robrain.protocol.table.host_queries import (
+from robrain.protocol.messages.robots.host_messages import (
     HOST_COMMAND,
     HOST_HALT,
     HOST_HOLD,
     HOST_LOAD,
-    HOST_QUERIES,
     HOST_RELEASE,
     HOST_RELOAD,
     HOST_RESUME,
     HOST_UNLOAD,
-    HOST_VERB,
+    CommandRequest,
+    HoldRequest,
+    UnloadRequest,
 )
+from robrain.protocol.registry import Registry
+from robrain.protocol.table.topics import HOST_VERB, all_rows
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 
@@ -36,7 +37,7 @@ import msgspec
 from robrain.agent.host.host_verbs import HostVerb
 from robrain.protocol.model.ranges import Count
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.table.host_queries import host_query
+from robrain.protocol.messages.robots.host_messages import (host_query)
 
 class BlinkRequest(msgspec.Struct, frozen=True, kw_only=True):
     times: Count
@@ -67,6 +68,7 @@ def verbs(monkeypatch):
     monkeypatch.setattr(host_verbs, "HOST_VERBS", Registry("host verb", "robrain.host_verbs", stock))
 
 
+HOST_QUERIES = [row for row in all_rows() if row.name.startswith("host_")]
 STOCK = [query.chunks[-1] for query in HOST_QUERIES]
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from robrain.protocol.errors import ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.host_queries import HOST_VERB
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.table.topics import HOST_VERB
 
 COUNT = 2500
 WARM_UP = 500

@@ -10,10 +10,10 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.answers.trace import trace_of
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.offer_messages import TaskOffer
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.waiting import PATIENCE_S, until

@@ -14,8 +14,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Effect
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
 from tests.agent.live_robot import LiveRobot

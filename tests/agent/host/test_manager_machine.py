@@ -16,8 +16,8 @@ from robrain.agent.errors import PluginError
 from robrain.agent.lifecycle.transitions import TRANSITIONS, TransitionRefused, Trigger
 from robrain.agent.plugin import PluginState
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, HOST_RELOAD, HOST_UNLOAD
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from tests.agent.conftest import Bench
 
 pytestmark = pytest.mark.slow

@@ -7,9 +7,8 @@ import pytest
 from robrain.agent.plugin_output import LINES_PER_S, PluginOutput
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import LoadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD
-from robrain.protocol.table.topics import ROBOT_LOG, ROBOT_LOG_KEPT
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, LoadRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, ROBOT_LOG_KEPT
 from tests.agent.live_robot import LiveRobot
 from tests.waiting import PATIENCE_S, until
 

@@ -14,9 +14,14 @@ from robrain.agent.isolation.foreign_plugins import RETRY_NS, ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import (
+    ROBOT_FOREIGN,
+    ROBOT_FOREIGN_CALL,
+    ROBOT_FOREIGN_INFO,
+    FunctionInfo,
+    PluginInfo,
+)
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ROBOT_FOREIGN, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import until

@@ -12,9 +12,8 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.manifest import COMMAND
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import CommandRequest
-from robrain.protocol.table.host_queries import HOST_COMMAND
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.host_messages import HOST_COMMAND, CommandRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.agent.conftest import Bench

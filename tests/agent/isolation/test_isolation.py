@@ -16,8 +16,8 @@ from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Level
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
@@ -388,7 +388,7 @@ def test_it_has_a_place_of_its_own_on_the_wire(bench):
             RANGED
             + """
     def init(self):
-        from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
+        from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
         self.env.answer(ROBOT_FOREIGN_CALL, self.tell, robot=self.env.robot, plugin="vision", function="tell")
     def tell(self, request): return msgspec.json.encode([os.getpid(), self.ranger.measure(0.5).x_m])
     """

@@ -11,8 +11,7 @@ from robrain.agent.errors import HostBusy, ManifestError, PluginError, PluginInU
 from robrain.agent.lifecycle.instance import Instance
 from robrain.agent.plugin import Plugin
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LoadRequest, UnloadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD, HOST_UNLOAD
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, HOST_UNLOAD, LoadRequest, UnloadRequest
 from tests.waiting import PATIENCE_S
 
 LAB = """

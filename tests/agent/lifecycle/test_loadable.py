@@ -11,8 +11,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable, read_robot_file
 from robrain.agent.lifecycle import plugin_folders
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.host_messages import LoadRequest
-from robrain.protocol.table.host_queries import HOST_LOAD
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, LoadRequest
 from robrain.protocol.wire.endpoint import Drive
 
 LAMP = "from robrain.agent.plugin import Unit\n\nclass Lamp(Unit):\n    pass\n"

@@ -6,11 +6,13 @@ import sys
 import pytest
 
 from robrain.agent.errors import ManifestError, PluginError, PluginInactive
-from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
 
 LAMP = """
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL, ROBOT_MAP
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 
 class LampInterface(Protocol):
     switched: Event[int]

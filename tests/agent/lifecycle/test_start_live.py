@@ -12,9 +12,10 @@ from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.host_messages import HOST_LOAD, HOST_RELOAD
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.refusals import Refusals
-from robrain.protocol.table.host_queries import HOST_LOAD, HOST_RELOAD
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_STATE
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 pytestmark = pytest.mark.slow

@@ -11,11 +11,11 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.transitions import TRANSITIONS, Effect, TransitionRefused, Trigger, transition
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import PluginState
-from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
 
 BUZZER = """
     from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-    from robrain.protocol.table.topics import ROBOT_FOREIGN_CALL
+    from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
 
     class Interface(Protocol):
         rung: Event[int]

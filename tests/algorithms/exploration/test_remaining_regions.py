@@ -5,7 +5,7 @@ import pytest
 
 from robrain.algorithms.exploration.narrow_passages import Gap
 from robrain.algorithms.exploration.remaining_regions import Evidence, exploration_left
-from robrain.protocol.messages.maps.left_messages import REGIONS_MAX, LeftKind
+from robrain.protocol.messages.maps.map_messages import REGIONS_MAX, LeftKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 

@@ -30,9 +30,9 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.backups import KEPT, Backups
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_BACKUP
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_BACKUP
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.waiting import until
 

@@ -1,9 +1,8 @@
 """A team some of whose robots are out of the coordinator's reach."""
 
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import TASK_WHY
 from tests.coordinator.conftest import Team
 
 

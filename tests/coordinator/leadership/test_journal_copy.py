@@ -17,12 +17,18 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_SUBMIT,
+    TaskFilter,
+    TaskRequest,
+    TaskSubmission,
+)
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_WITNESS, TASK_CANCEL, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec

@@ -18,11 +18,10 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.witness_messages import Lead, Led, WitnessRequest, WitnessWish
-from robrain.protocol.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.messages.team.standing_messages import JournalChanges, LeadRequest, StandByState
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_LEAD, JournalChanges, LeadRequest, StandByState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import COORDINATOR_LEAD, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec

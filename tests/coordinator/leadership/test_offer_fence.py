@@ -10,13 +10,12 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership import leadership
 from robrain.coordinator.leadership.leadership import Leadership
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.messages.team.standing_messages import KnownRobot, LeadReply, LeadRequest
+from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT, TeamBallot
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_LEAD, KnownRobot, LeadReply, LeadRequest
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import MinorityHeard
-from robrain.protocol.table.topics import COORDINATOR_LEAD, ROBOT_BALLOT
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.leadership.parted_team import PartedTeam
 

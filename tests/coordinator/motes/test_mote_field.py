@@ -6,10 +6,9 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskFilter, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_WHY
 from tests.coordinator.motes.test_motes import Field
 from tests.plain_reason import Plain
 

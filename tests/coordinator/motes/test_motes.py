@@ -15,13 +15,12 @@ from robrain.coordinator.motes.mote_members import (
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_GET, TASK_WHY, TaskRequest, TaskWhy
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import MOTE_DUTY, MOTE_READING, TASK_CANCEL, TASK_GET, TASK_WHY
 from tests.coordinator.conftest import TICK_S
 
 PLACE = Point2D(6.5, 4.0)

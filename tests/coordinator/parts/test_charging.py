@@ -13,18 +13,18 @@ from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.stock_kinds import Recharge
-from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.table.topics import (
+from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_CHARGES,
     COORDINATOR_PLANNING,
     TASK_DECISION,
     TASK_PROBLEM,
-    TASK_WHY,
+    PlannedCharge,
+    PlanningStatus,
 )
+from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.stock_kinds import Recharge
+from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run

@@ -13,13 +13,13 @@ from robrain.coordinator.planning.problem_codec import decode
 from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.tasks.plan_messages import TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.table.topics import TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run

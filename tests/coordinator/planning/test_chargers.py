@@ -6,8 +6,8 @@ import pytest
 
 from robrain.coordinator.planning.chargers import ASKED_MAX, Charger, KnownChargers
 from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

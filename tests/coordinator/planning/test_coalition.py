@@ -6,11 +6,10 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import MinorityHeard, plain
-from robrain.protocol.table.topics import TASK_CANCEL
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 from tests.plain_reason import Plain
 

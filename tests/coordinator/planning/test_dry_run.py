@@ -3,11 +3,10 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.task_messages import TaskDryRun, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TASK_DRY_RUN, TaskDryRun, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import halted
-from robrain.protocol.table.topics import TASK_DRY_RUN
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):

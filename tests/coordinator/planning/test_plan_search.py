@@ -9,12 +9,18 @@ from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_SUBMIT,
+    TASK_WHY,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+    TaskWhy,
+)
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_SUBMIT, TASK_WHY
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.plain_reason import Plain
 

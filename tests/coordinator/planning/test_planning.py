@@ -8,18 +8,18 @@ from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
-from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import (
+from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
     TASK_DECISION,
     TASK_PROBLEM,
-    TASK_WHY,
+    ObjectiveRequest,
+    PlanningStatus,
 )
+from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
 

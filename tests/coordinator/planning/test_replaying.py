@@ -11,11 +11,10 @@ import pytest
 
 from robrain.lab.recorded_plans import plan_again, replay_decisions
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.messages.tasks.plan_messages import TASK_DECISION, TASK_PROBLEM, PlanProblem
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_DECISION, TASK_PROBLEM
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder

@@ -11,11 +11,10 @@ from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Gone, NotHeard, RobotReason, halted, lacks_plugins
-from robrain.protocol.table.topics import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.plain_reason import Plain

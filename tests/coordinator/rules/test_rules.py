@@ -4,10 +4,9 @@ import pytest
 
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.tasks.task_messages import TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import TASK_CANCEL
 from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule
 
 HELD = {"above": 26.0, "for_s": 8.0, "clear_at": 24.0}

@@ -4,10 +4,9 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_WHY, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL, TASK_WHY
 from tests.coordinator.desk_robots import DeskRobot
 
 NOT_NOW = TaskAnswer(accepted=False, why="is not at a")

@@ -7,11 +7,10 @@ import pytest
 from robrain.coordinator.tasks.task_lifecycle import Offers
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
 from tests.waiting import PATIENCE_S, until

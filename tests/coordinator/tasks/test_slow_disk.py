@@ -8,10 +8,9 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskRecord, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_SUBMIT
 from tests.waiting import PATIENCE_S, until
 
 TASK = Task(id="t1", kind="visit", place=Point2D(6.0, 4.0))

@@ -6,12 +6,11 @@ from robrain.coordinator.tasks.task_costs import ANSWER_NS, PATIENCE_NS, TaskCos
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import VirtualClock
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo, TaskKind
-from robrain.protocol.messages.tasks.offer_messages import TaskCost
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_COSTS, TaskCost
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_COSTS, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

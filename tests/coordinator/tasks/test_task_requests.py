@@ -4,10 +4,18 @@ import pytest
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_GET,
+    TASK_LIST,
+    TASK_WHY,
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskWhy,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import TASK_CANCEL, TASK_GET, TASK_LIST, TASK_WHY
 
 
 def visit(task_id="t1", x_m=6.0, y_m=4.0, **fields):

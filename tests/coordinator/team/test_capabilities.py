@@ -8,9 +8,8 @@ from robrain.coordinator.team.capabilities import ASKED_MOST, Capabilities
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.table.topics import ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

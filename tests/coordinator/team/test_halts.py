@@ -3,8 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import COORDINATOR_HALT, HALT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, HALT, Halt
 
 
 @pytest.fixture

@@ -8,8 +8,7 @@ from robrain.coordinator.team.halts import TeamHalts
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session

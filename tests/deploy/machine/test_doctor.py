@@ -23,9 +23,8 @@ from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import NS_PER_S, LiveClock
 from robrain.protocol.extras import MissingPackage
-from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
-from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_WHO
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.sim.peripherals.line_plug import SerialPlug

@@ -11,11 +11,10 @@ from robrain.deploy.supervision.part import MemberStatus, Phase, ProcessFigures
 from robrain.deploy.supervision.team_status import RECEIVED, Rate, TeamMonitor, robot_status
 from robrain.deploy.supervision.top import members_table
 from robrain.protocol.clock import NS_PER_S, VirtualClock
-from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
-from robrain.protocol.messages.team.arena_messages import ArenaTruth
-from robrain.protocol.messages.team.team_messages import TeamState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, PluginFault, RobotState
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

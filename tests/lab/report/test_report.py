@@ -13,7 +13,7 @@ from PIL import Image
 from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.lab.report.report import FIGURES, group_runs, totals, write_report
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind, RegionLeft
+from robrain.protocol.messages.maps.map_messages import ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState

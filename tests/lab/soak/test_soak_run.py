@@ -19,9 +19,11 @@ from robrain.lab.soak.trial import run_trial
 from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_STATE, TASK_EVENT
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.points.point_team import POINT_TICK_S
 

@@ -7,10 +7,15 @@ import numpy as np
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import (
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    TaskAnswer,
+    TaskOffer,
+    TaskWithdrawal,
+)
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.motes.mote import ArenaMote

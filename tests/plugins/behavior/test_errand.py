@@ -6,11 +6,11 @@ import pytest
 
 from robrain.agent.lifecycle.registry import plugin_info
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import NeedsEnergy, no_path
-from robrain.protocol.table.topics import HALT, ROBOT_PATH, ROBOT_STATE
 from tests.plain_reason import Plain
 from tests.plugins.behavior.errands import Build, Errands, open_errands
 

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import MOTE_READING, ROBOT_EVENT, ROBOT_IMAGE
 from robrain.sim.robot.camera import PLATE
 from tests.plugins.behavior.errands import MOTES, TEAM, Build, open_errands
 

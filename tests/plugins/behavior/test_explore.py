@@ -13,13 +13,12 @@ from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, ExploreBeh
 from robrain.plugins.skill.mapper.frames import FrameMove
 from robrain.plugins.unit.teammates import Doing, Mate
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, BatteryState
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 from tests.coordinator.planning.worlds import CAPACITY_J, model
 
 TWO_ROOMS = (10.0, 4.0, (4.9, 0.0, 5.1, 1.4), (4.9, 2.6, 5.1, 4.0))

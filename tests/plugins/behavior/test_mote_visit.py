@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import MOTE_READING
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork

@@ -2,9 +2,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.behavior.errands import CHARGER, START, Build, Errands, open_errands
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
 from tests.plugins.behavior.errands import Build, open_errands
 

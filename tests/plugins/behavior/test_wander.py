@@ -2,10 +2,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import HALT
 from tests.plugins.behavior.errands import Build, open_errands
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, BaseLinks
+from robrain.protocol.messages.robots.robot_messages import ROBOT_LINKS
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_TX, ROBOT_LINKS
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
 from robrain.sim.motes.field import FieldSpec, SimulatedField

@@ -14,8 +14,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device import gpio
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.robots.host_messages import ResumeRequest
-from robrain.protocol.table.host_queries import HOST_RESUME
+from robrain.protocol.messages.robots.host_messages import HOST_RESUME, ResumeRequest
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
 from robrain.sim.peripherals.gpio_chip import GpioChip

@@ -14,9 +14,9 @@ from robrain.plugins.device.gpio import BumperContact, GpioAbsent, GpioBumpers, 
 from robrain.plugins.device.range_sensors import Bump
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.host_messages import ResumeRequest
-from robrain.protocol.table.host_queries import HOST_RESUME
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.messages.robots.host_messages import HOST_RESUME, ResumeRequest
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.plugins.device.bare_device import BareDevice
 

@@ -3,8 +3,9 @@ import pytest
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
 from robrain.sim.firmware.bus_line import LineFault
 
 BASE = OmniBase()

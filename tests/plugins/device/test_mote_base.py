@@ -9,7 +9,9 @@ import pytest
 
 from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, SfLink
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.table.topics import ARENA_RADIO_TX, ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
 from robrain.protocol.tinyos.serial_line import Deframer, frame
 from tests.waiting import PATIENCE_S, until
 

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.protocol.table.topics import ARENA_SCAN
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN
 
 
 def test_millimetres_of_the_wire_are_metres_and_no_return_is_the_maximum(stage):

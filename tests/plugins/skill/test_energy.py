@@ -1,9 +1,9 @@
 import msgspec
 import pytest
 
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ROBOT_STATE
 
 
 @pytest.fixture

@@ -6,9 +6,11 @@ from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_MAP, ROBOT_STATE
 
 BASE = OmniBase()
 WHEELS = ("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")

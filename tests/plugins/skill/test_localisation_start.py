@@ -12,10 +12,10 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.skill.localisation import PAUSE_M, PAUSE_RAD
 from robrain.protocol.can.frames import codec
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.table.topics import ROBOT_EVENT
 
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}

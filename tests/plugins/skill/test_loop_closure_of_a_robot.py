@@ -12,9 +12,9 @@ from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.algorithms.slam.map_patch import merge_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
-from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_MAP
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, LidarFloor
 
 pytestmark = pytest.mark.slow

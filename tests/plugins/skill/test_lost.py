@@ -8,10 +8,10 @@ import pytest
 
 from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import ROBOT_PATH
 from tests.plugins.behavior.errands import CHARGER, Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)

@@ -9,12 +9,13 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import merge_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.can.frames import codec
-from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.team.arena_messages import Scan
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.table.topics import ARENA_SCAN, ROBOT_ALIVE, ROBOT_EVENT, ROBOT_MAP
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 

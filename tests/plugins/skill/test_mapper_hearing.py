@@ -6,11 +6,12 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import joined_message, to_message
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_MAP
 from tests.algorithms.mapping.lidar_floor import ROOM
 from tests.plugins.unit.frame_scene import PLACES, ROOM_CLASSES, T_OWN_FLOOR, WIDE
 

@@ -14,10 +14,9 @@ from robrain.plugins.unit.teammates import (
     receive_states,
     reckon,
 )
-from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
-from robrain.protocol.table.topics import ROBOT_PATH, ROBOT_STATE
 
 POSE = Pose2D(1.0, 2.0, 0.5)
 

@@ -12,7 +12,8 @@ from robrain.plugins.device.bm2.interface import BatteryMeasurement
 from robrain.plugins.unit.battery import Battery
 from robrain.protocol.can.frames import codec
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.sim.firmware.battery import BatterySpec, Gauge, GaugeSpec, SimulatedBattery
 
 WH_J = 3600.0

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import ROBOT_EVENT
 
 
 def driver(host):

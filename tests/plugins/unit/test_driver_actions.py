@@ -6,8 +6,8 @@ import math
 import pytest
 
 from robrain.plugins.unit.driver.interface import Motion
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.table.topics import ROBOT_EVENT
 
 START = Pose2D(1.0, 2.0, 0.5)
 

@@ -7,9 +7,10 @@ from robrain.plugins.unit.snw_exploration.asking import DUTY_TRIES, FRESH_NS, WA
 from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.motes.mote_messages import MoteDuty, MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty, MoteReading
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,

@@ -20,8 +20,8 @@ from robrain.plugins.unit import program
 from robrain.plugins.unit.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.checked import convert
-from robrain.protocol.table.topics import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
 from tests.patient_endpoint import PatientEndpoint

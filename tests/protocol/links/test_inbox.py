@@ -5,10 +5,9 @@ from hypothesis import strategies as st
 
 from robrain.protocol.border.border import Border
 from robrain.protocol.links.inbox import LARGE_BYTES, Inbox
-from robrain.protocol.messages.robots.plugin_messages import LogRecord
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from tests.interruption import before_line_of
 
 LOG_KEY = ROBOT_LOG.key("t", robot="r1")

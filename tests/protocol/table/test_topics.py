@@ -7,29 +7,36 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.protocol.access.member import MemberRole
+from robrain.protocol.access.permissions import AccessAction, own_names, roles
+from robrain.protocol.access.rules import ruled_rows
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import BadName
 from robrain.protocol.messages.message import Message
-from robrain.protocol.table.topic import Query, Topic
-from robrain.protocol.table.topics import HALT, PUBLISHED, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE, TOPICS, topic_of
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import HALT
+from robrain.protocol.table.topics import TOPICS, all_rows, all_topics, topic_of
+from robrain.protocol.topic import Query, Role, Topic
+from tests.installed_distributions import as_new, install, new_topics  # noqa: F401 - fixtures
 
 NAMES = st.from_regex(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,62}", fullmatch=True)
-QUERIES = [row for row in TOPICS if isinstance(row, Query)]
+QUERIES = [row for row in all_rows() if isinstance(row, Query)]
 
 
 @st.composite
 def keys(draw):
-    topic = draw(st.sampled_from(TOPICS))
+    topic = draw(st.sampled_from(all_rows()))
     return topic, draw(NAMES), {field: draw(NAMES) for field in topic.fields}
 
 
 def test_no_two_topics_share_a_name_or_a_pattern():
-    assert len({topic.name for topic in TOPICS}) == len(TOPICS)
-    assert len({topic.pattern for topic in TOPICS}) == len(TOPICS)
+    assert len({topic.name for topic in all_rows()}) == len(all_rows())
+    assert len({topic.pattern for topic in all_rows()}) == len(all_rows())
 
 
 def test_no_key_belongs_to_two_topics():
-    selectors = {topic.name: zenoh.KeyExpr(topic.selector("t")) for topic in TOPICS}
+    selectors = {topic.name: zenoh.KeyExpr(topic.selector("t")) for topic in all_rows()}
     clashes = [pair for pair in combinations(selectors, 2) if selectors[pair[0]].intersects(selectors[pair[1]])]
     assert clashes == []
 
@@ -90,7 +97,7 @@ def test_bad_names_never_reach_a_key():
         ROBOT_EVENT.selector("t", plugin="**")
 
 
-@pytest.mark.parametrize("topic", [topic for topic in PUBLISHED if topic.recorded], ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", [topic for topic in all_topics() if topic.recorded], ids=lambda topic: topic.name)
 def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
     if topic.encoding == "image/png":
         return  # says itself what it is
@@ -120,9 +127,43 @@ def test_a_request_or_reply_that_is_none_is_refused_in_words(query, payload):
             codec.read(payload)
 
 
-@pytest.mark.parametrize("topic", PUBLISHED, ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)
 def test_a_put_carries_a_message_or_says_whose_bytes_it_carries(topic):
     if topic.message is None:
         assert topic.encoding != "application/json"
     else:
         assert topic.encoding == "application/json"
+
+
+OTHERS = """
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.topic import Role, Topic
+
+ROWS = (
+    Topic("robot/{robot}/state/more", "its name is taken", RobotState, alias="robot_state"),
+    Topic("robot/{any}/path", "its keys are taken", RobotState, alias="way"),
+    Topic("patrol/{robot}/state", "nobody owns it", RobotState),
+    ROBOT_STATE,
+    Topic("patrol/{robot}/mood", "good", RobotState, role=Role.ROBOT),
+)
+"""
+
+
+@pytest.mark.usefixtures("new_topics")
+def test_rows_of_other_distributions_are_added_unless_name_or_keys_are_taken(monkeypatch, install, caplog):  # noqa: F811
+    stock = len(all_rows())
+    all_rows.cache_clear()
+    as_new(TOPICS, monkeypatch)
+    install("patrol", {"patrol": "patrol_rows:ROWS"}, {"patrol_rows.py": OTHERS}, TOPICS.group)
+    assert len(all_rows()) == stock + 1
+    topic, names = topic_of("robrain/t/patrol/r1/mood")
+    assert (topic.by, names) == (Role.ROBOT, {"team": "t", "robot": "r1"})
+    assert roles(AccessAction.PUT, topic) == {MemberRole.ROBOT}
+    assert own_names(AccessAction.PUT, topic, MemberRole.ROBOT) == ("robot",)
+    assert topic in ruled_rows()
+    for text in (
+        "topics patrol: robot/{robot}/state/more is left out: robot/{robot}/state has the name robot_state",
+        "topics patrol: robot/{any}/path is left out: robot/{robot}/path has the same keys",
+        "topics patrol: patrol/{robot}/state is left out: expected its role, as patrol/ has no owner",
+    ):
+        assert text in caplog.messages

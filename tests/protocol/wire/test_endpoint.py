@@ -13,19 +13,12 @@ from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.zenoh_link import LockstepReplies
-from robrain.protocol.messages.robots.plugin_messages import Event
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, Event
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topic import Urgency
-from robrain.protocol.table.topics import (
-    HALT,
-    ROBOT_CALL,
-    ROBOT_EVENT,
-    ROBOT_MAP_WHOLE,
-    ROBOT_PLUGINS,
-    ROBOT_STATE,
-)
+from robrain.protocol.messages.team.team_messages import HALT, Halt
+from robrain.protocol.topic import Urgency
 from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from tests.protocol.lockstep_wire import Wire

@@ -5,8 +5,8 @@ import threading
 import msgspec
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.team_messages import Halt
-from robrain.protocol.table.topics import HALT, ROBOT_PATH
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH
+from robrain.protocol.messages.team.team_messages import HALT, Halt
 from tests.waiting import until
 
 ROBOTS = 4

@@ -7,9 +7,8 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.table.topics import ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.own_hub import OwnHub

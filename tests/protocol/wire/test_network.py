@@ -9,10 +9,9 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import exchange
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import Event
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.arena_messages import LinkCounters
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 

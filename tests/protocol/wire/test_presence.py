@@ -4,7 +4,8 @@ from hypothesis import strategies as st
 
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.links.exchange import Exchange
-from robrain.protocol.table.topics import COORDINATOR_ALIVE, ROBOT_ALIVE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.presence import Change
 from robrain.protocol.wire.session import open_lockstep_session

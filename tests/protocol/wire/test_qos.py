@@ -4,21 +4,14 @@ import pytest
 import zenoh
 
 from robrain.protocol.links.zenoh_link import PRIORITY, publisher_options, query_options
-from robrain.protocol.table.topic import Query, Topic, Urgency
-from robrain.protocol.table.topics import (
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_CALL,
-    ROBOT_IMAGE,
-    ROBOT_LOG,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-    ROBOT_OFFER,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_SUBMIT,
-    TOPICS,
-)
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE, ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT
+from robrain.protocol.table.topics import all_rows
+from robrain.protocol.topic import Query, Topic, Urgency
 
 CLASSES = (
     (HALT,),
@@ -43,12 +36,12 @@ def test_halts_go_before_commands_before_states_before_telemetry_before_maps_bef
 
 
 def test_only_halts_wait_for_room_and_everything_else_that_is_put_is_dropped_by_its_sender():
-    waiting = [row.name for row in TOPICS if isinstance(row, Topic)
+    waiting = [row.name for row in all_rows() if isinstance(row, Topic)
                and publisher_options(row)["congestion_control"] == zenoh.CongestionControl.BLOCK]  # fmt: skip
     assert waiting == ["halt"]
 
 
-@pytest.mark.parametrize("row", TOPICS, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", all_rows(), ids=lambda row: row.name)
 def test_what_is_urgent_is_not_batched_and_the_priority_is_that_of_the_table(row):
     if isinstance(row, Topic):
         options = publisher_options(row)
@@ -64,7 +57,7 @@ def test_what_is_urgent_is_not_batched_and_the_priority_is_that_of_the_table(row
 
 def test_whoever_commands_is_urgent_and_no_telemetry_is():
     low = {Urgency.DATA, Urgency.DATA_LOW, Urgency.BACKGROUND}
-    late = [row.name for row in TOPICS if isinstance(row, Query) and not row.reads_only and row.urgency in low]
+    late = [row.name for row in all_rows() if isinstance(row, Query) and not row.reads_only and row.urgency in low]
     assert late == []
-    rows = (row for row in TOPICS if isinstance(row, Topic) and row.rate_hz and row.encoding == "application/json")
+    rows = (row for row in all_rows() if isinstance(row, Topic) and row.rate_hz and row.encoding == "application/json")
     assert [row.name for row in rows if row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH)] == []

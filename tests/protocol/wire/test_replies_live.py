@@ -7,8 +7,9 @@ import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import ASKED_MAX, Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_OFFER, ROBOT_PLUGINS, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Serve
 from tests.waiting import until
 

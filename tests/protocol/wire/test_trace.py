@@ -4,10 +4,9 @@ import pytest
 
 from robrain.protocol.answers.trace import KEPT, Traces, read_trace, trace_of
 from robrain.protocol.errors import CallError, NobodyThere
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_OFFER
 from tests.waiting import until
 
 GIVEN = "4bf92f3577b34da6a3ce929d0e0e4736"

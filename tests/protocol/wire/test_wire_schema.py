@@ -20,16 +20,16 @@ from robrain.protocol.schema.struct_schema import (
     structs_in,
     types_of,
 )
-from robrain.protocol.table.topics import TOPICS
+from robrain.protocol.table.topics import all_rows
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.json"))
-STRUCTS = {struct.__name__: struct for struct in structs_in(kind for row in TOPICS for kind in types_of(row))}
+STRUCTS = {struct.__name__: struct for struct in structs_in(kind for row in all_rows() for kind in types_of(row))}
 
 
 @pytest.mark.slow
 def test_no_two_types_of_the_wire_have_the_same_name():
     assert set(definitions()) - set(STRUCTS) == set(definitions()) - {struct.__name__ for struct in STRUCTS.values()}
-    assert len(structs_in(kind for row in TOPICS for kind in types_of(row))) == len(STRUCTS)
+    assert len(structs_in(kind for row in all_rows() for kind in types_of(row))) == len(STRUCTS)
     assert set(STRUCTS) <= set(definitions())
 
 
@@ -127,6 +127,6 @@ def test_schemas_have_no_keyword_that_json_schema_does_not_have():
     known = set(jsonschema.Draft202012Validator.VALIDATORS)
     known |= {"$schema", "$defs", "$comment", "title", "description", "default", "contentEncoding"}
     assert keywords({"$defs": definitions()}) <= known
-    for row in TOPICS:
+    for row in all_rows():
         for kind in types_of(row):
             assert keywords(reference_to(kind)) <= known

@@ -3,7 +3,8 @@
 import msgspec
 
 from robrain.protocol.clock import to_ns
-from robrain.protocol.table.topics import ARENA_TRUTH, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
 from robrain.recording.invariants.invariant import CASES, INVARIANTS, KEPT_BREACHES, Invariant, InvariantState
 from robrain.recording.invariants.judging import JUDGES, Judging, broken
 from tests.recording.invariants.team_script import TeamScript, at_task, battery, truth

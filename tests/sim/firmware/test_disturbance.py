@@ -11,8 +11,8 @@ from robrain import Scenario
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_SCAN
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ARENA_SCAN
 from robrain.sim.errors import ScenarioError
 from robrain.sim.firmware.disturbance import (
     DelayLine,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.wheel_bases import Differential, OmniBase
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_SERIAL_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL_TX
 from robrain.sim.firmware.described_controller import LineController, SerialPort
 from robrain.sim.firmware.motor_controller import WATCHDOG_S, MotorState
 

@@ -3,8 +3,10 @@
 import pytest
 
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_ALIVE, ROBOT_PLUGINS, ROBOT_STATE
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from tests.sim.links.radio_team import RadioTeam, counted, robots_in
 

@@ -6,16 +6,11 @@ import msgspec
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.team_messages import Halt
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_LINKS
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.table.topics import (
-    ARENA_LINKS,
-    COORDINATOR_STATE,
-    HALT,
-    ROBOT_ALIVE,
-    ROBOT_CALL,
-    ROBOT_STATE,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario

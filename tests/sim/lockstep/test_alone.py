@@ -10,7 +10,7 @@ from robrain import Scenario
 from robrain.client.team import Team
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.links.exchange import Exchange
-from robrain.protocol.table.topics import ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import PUBLISHED
+from robrain.protocol.table.topics import all_topics
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.scenarios.scenario import Scenario
@@ -18,7 +18,7 @@ def test_every_message_of_a_run_is_accepted() -> None:
     run = LockstepRun(Scenario.builtin("arena_small").replace(robots=3, motes=4, seed=5).world())
     ears = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP)
     inbox = Inbox(100_000, every=True)
-    for topic in PUBLISHED:
+    for topic in all_topics():
         if topic.message is not None:
             ears.subscribe(inbox, topic)
     heard = set()

@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from robrain.dashboard.state.live_source import LiveSource
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import ErrorCode
-from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TaskFilter
 from robrain.protocol.schema.document import errors_of
-from robrain.protocol.table.topic import Query, Topic
-from robrain.protocol.table.topics import PUBLISHED, ROBOT_PLUGINS, TASK_LIST, TOPICS
+from robrain.protocol.table.topics import all_rows, all_topics
+from robrain.protocol.topic import Query, Topic
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.lockstep.lockstep import LockstepRun
@@ -27,7 +28,7 @@ from tests.hostile_payloads import payloads
 
 pytestmark = pytest.mark.slow
 
-QUERIES = [row for row in TOPICS if isinstance(row, Query)]
+QUERIES = [row for row in all_rows() if isinstance(row, Query)]
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
 NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
 EXAMPLES, BATCH = 5, 5
@@ -105,7 +106,7 @@ def batches(row: Topic[Any] | Query[Any, Any]) -> st.SearchStrategy[list[bytes]]
 FUZZ = settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck), deadline=None)
 
 
-@pytest.mark.parametrize("topic", PUBLISHED, ids=lambda topic: topic.name)
+@pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)
 def test_a_bad_message_is_refused_and_counted_and_the_next_good_one_is_heard(team: Team, topic: Topic[Any]) -> None:
     publisher = team.stranger.publisher(topic, **{field: NAMES[field] for field in topic.fields})
 

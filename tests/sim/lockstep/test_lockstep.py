@@ -14,7 +14,9 @@ from robrain import RunResult, Scenario
 from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import PortInUse
 from robrain.protocol.keys import DEFAULT_TEAM
-from robrain.protocol.table.topics import ARENA_OUTSIDE, ROBOT_CALL, ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE
 from robrain.protocol.wire.session import open_session
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.visual_topics import is_visual
@@ -48,7 +50,7 @@ import json, sys
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 with open_session(connect=[sys.argv[1]]) as session:
     endpoint = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     {question}

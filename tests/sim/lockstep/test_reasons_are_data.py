@@ -7,19 +7,13 @@ import msgspec
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.messages.tasks.task_messages import TaskSubmission
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_CHARGES, TASK_DECISION, TASK_PROBLEM
+from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import (
-    COORDINATOR_CHARGES,
-    COORDINATOR_STATE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    TASK_DECISION,
-    TASK_EVENT,
-    TASK_PROBLEM,
-    TASK_SUBMIT,
-)
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.firmware.battery import BatterySpec

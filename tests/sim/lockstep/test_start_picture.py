@@ -9,8 +9,8 @@ from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.patch_cells import cells_of, geometry_of
+from robrain.protocol.messages.team.arena_messages import ARENA_PREPARATION
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
-from robrain.protocol.table.topics import ARENA_PREPARATION
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from robrain.sim.lockstep.lockstep import LockstepRun

@@ -10,7 +10,7 @@ from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.links.exchange import COORDINATOR
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import MOTE_READING
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import MeshSpec

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_RX
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.payloads import FORWARDED_TYPE, READING_TYPE, STORED_TYPE, ForwardedPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint

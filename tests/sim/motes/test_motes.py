@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,

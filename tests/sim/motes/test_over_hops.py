@@ -8,9 +8,10 @@ from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MoteDuty
+from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ARENA_RADIO_TX, COORDINATOR_ALIVE, MOTE_DUTY, MOTE_READING
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import DUTY_TYPE, ROUTED_TYPE, DutyPayload, RoutedPayload
 from robrain.protocol.wire.endpoint import Drive, Endpoint

@@ -8,7 +8,7 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ARENA_RADIO_RX, ARENA_RADIO_TX
+from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.motes.serial_forwarder import MAX_CLIENTS, SerialForwarder

@@ -8,8 +8,8 @@ import pytest
 
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.serial.serial_line import PortLine
-from robrain.protocol.table.topics import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.peripherals.line_plug import LinePlug

@@ -10,9 +10,15 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import RobotTruth
+from robrain.protocol.messages.team.arena_messages import (
+    ARENA_CAN,
+    ARENA_CLOCK,
+    ARENA_RADIO_RX,
+    ARENA_SCAN,
+    ARENA_TRUTH,
+    RobotTruth,
+)
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.table.topics import ARENA_CAN, ARENA_CLOCK, ARENA_RADIO_RX, ARENA_SCAN, ARENA_TRUTH
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.battery import BatterySpec, GaugeSpec

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.messages.team.arena_messages import ARENA_CAMERA, ARENA_SENSE
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ARENA_CAMERA, ARENA_SENSE
 from tests.plugins.behavior.errands import Errands
 
 

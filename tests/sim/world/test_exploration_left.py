@@ -10,9 +10,13 @@ from robrain import Scenario
 from robrain.client.team import Team
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.left_messages import ExplorationLeft, LeftKind
+from robrain.protocol.messages.maps.map_messages import (
+    COORDINATOR_LEFT,
+    COORDINATOR_LEFT_NOW,
+    ExplorationLeft,
+    LeftKind,
+)
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import COORDINATOR_LEFT, COORDINATOR_LEFT_NOW
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall

@@ -7,8 +7,10 @@ import pytest
 
 from robrain.agent.plugin import PluginState
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_EVENT, ROBOT_LOG, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec

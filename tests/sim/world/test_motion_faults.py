@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ROBOT_EVENT, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.firmware.bus_line import LineFault
 from robrain.sim.lockstep.lockstep import LockstepRun

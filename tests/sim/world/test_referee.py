@@ -8,9 +8,8 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.clock import VirtualClock
-from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.table.topics import ROBOT_MAP
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.access.identity import CA
-from robrain.protocol.table.topics import TASK_LIST
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST
 from tests.system.attacks.attacks import ATTACKS, RIGHTS, Attack
 from tests.system.attacks.secured_team import SecuredTeam, member_named, open_raw
 

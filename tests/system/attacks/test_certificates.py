@@ -12,7 +12,7 @@ from robrain.deploy.pki.issuing import folder_of, init, issue, renew
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere, WireError
-from robrain.protocol.table.topics import TASK_LIST
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.attacks.secured_team import TEAM, SecuredTeam, member_named, open_raw

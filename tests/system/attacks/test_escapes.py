@@ -9,19 +9,26 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginInfo, ProcessInfo
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
-from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.host_queries import HOST_HALT
-from robrain.protocol.table.topics import (
-    ROBOT_ALIVE,
+from robrain.protocol.messages.robots.host_messages import HOST_HALT
+from robrain.protocol.messages.robots.plugin_messages import (
     ROBOT_CALL,
     ROBOT_LOG,
-    ROBOT_OFFER,
     ROBOT_PLUGINS,
-    ROBOT_STATE,
     ROBOT_WHO,
+    FunctionInfo,
+    LogRecord,
+    PluginInfo,
+    ProcessInfo,
 )
+from robrain.protocol.messages.robots.robot_messages import (
+    ROBOT_ALIVE,
+    ROBOT_STATE,
+    BatteryState,
+    PluginFault,
+    RobotState,
+)
+from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.conftest import Commands

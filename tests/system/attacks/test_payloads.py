@@ -11,11 +11,11 @@ from robrain.client.team import Team
 from robrain.client.transport import LiveTransport
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.task_messages import TaskRequest, TaskState
-from robrain.protocol.table.host_queries import HOST_HOLD, HOST_LOAD, HOST_RELEASE, HOST_RESUME
-from robrain.protocol.table.topic import Query
-from robrain.protocol.table.topics import ROBOT_CALL, ROBOT_PLUGINS, ROBOT_STATE, TASK_CANCEL, TASK_GET, TASK_SUBMIT
+from robrain.protocol.messages.robots.host_messages import HOST_HOLD, HOST_LOAD, HOST_RELEASE, HOST_RESUME
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_GET, TASK_SUBMIT, TaskRequest, TaskState
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.system.attacks.secured_team import TEAM, SecuredTeam, member_named, soon
 from tests.waiting import until

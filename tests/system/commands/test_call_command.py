@@ -14,9 +14,16 @@ from robrain.agent.plugin import Unit, external
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, Outcome
-from robrain.protocol.messages.robots.plugin_messages import Event, PluginInfo
-from robrain.protocol.table.host_queries import HOST_COMMAND
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_CALL, ROBOT_EVENT, ROBOT_LOG_KEPT, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.host_messages import HOST_COMMAND
+from robrain.protocol.messages.robots.plugin_messages import (
+    ROBOT_CALL,
+    ROBOT_EVENT,
+    ROBOT_LOG_KEPT,
+    ROBOT_PLUGINS,
+    Event,
+    PluginInfo,
+)
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.session import open_session
 from tests.system.conftest import Commands

@@ -21,8 +21,8 @@ from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.table.topics import ARENA_TRUTH
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.conftest import Commands, member_at

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TASK_SUBMIT, TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.session import listening_at
 from robrain.recording.reader.reading import is_truncated, recording_info
 from tests.asking import until_answered

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from tests.asking import until_answered
 from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until

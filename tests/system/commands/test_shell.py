@@ -19,9 +19,8 @@ from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, comple
 from robrain.plugins.unit.interactive_shell import InteractiveShell
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.plugin_messages import PluginInfo
-from robrain.protocol.table.host_queries import HOST_COMMAND
-from robrain.protocol.table.topics import ROBOT_PLUGINS
+from robrain.protocol.messages.robots.host_messages import HOST_COMMAND
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 

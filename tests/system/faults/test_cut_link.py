@@ -7,7 +7,8 @@ import time
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import COORDINATOR_STATE, ROBOT_PLUGINS
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.asking import until_answered
 from tests.system.relayed_network import NEAR, RelayedNetwork, relayed_network

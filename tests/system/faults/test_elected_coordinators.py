@@ -7,11 +7,11 @@ from contextlib import ExitStack
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
-from robrain.protocol.messages.team.standing_messages import LeadRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TASK_SUBMIT, TaskFilter, TaskSubmission
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_LEAD, LeadRequest
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_LEAD, COORDINATOR_STATE, TASK_LIST, TASK_SUBMIT
 from tests.asking import until_answered
 from tests.system.conftest import Commands, member_at
 from tests.waiting import until

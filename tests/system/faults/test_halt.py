@@ -6,8 +6,8 @@ import time
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import RobotTruth
-from robrain.protocol.table.topics import ARENA_TRUTH, COORDINATOR_STATE
+from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, RobotTruth
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.system.conftest import member_at
 from tests.system.soak import put

@@ -15,9 +15,12 @@ import pytest
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.table.topic import Delivery, Query, Topic
-from robrain.protocol.table.topics import MOTE_READING, PUBLISHED, RECORDER_STATE, ROBOT_PLUGINS, TASK_LIST, TOPICS
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TaskFilter
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE
+from robrain.protocol.table.topics import all_rows, all_topics
+from robrain.protocol.topic import Delivery, Query, Topic
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.hostile_payloads import fixed_payloads
 from tests.system.conftest import Commands, member_at
@@ -119,7 +122,7 @@ def test_no_process_ends_or_grows_whatever_is_said_and_asked(hub: Hub) -> None:
     grown = {family[pid]: min(after[pid] - before[pid] for before, after in pairwise(settled)) for pid in family}
     assert max(grown.values()) < GROWTH_MAX_MB, grown
 
-    lossless = {topic.name for topic in PUBLISHED if topic.recorded and topic.delivery is Delivery.LOSSLESS}
+    lossless = {topic.name for topic in all_topics() if topic.recorded and topic.delivery is Delivery.LOSSLESS}
     expected = {name: count for name, count in bad.items() if name in lossless}
 
     def unaccounted() -> dict[str, int]:
@@ -132,7 +135,7 @@ def test_no_process_ends_or_grows_whatever_is_said_and_asked(hub: Hub) -> None:
         time.sleep(0.1)
     assert unaccounted() == {}
     assert all(hub.refused[name] <= count for name, count in bad.items())
-    recorded = {topic.name for topic in PUBLISHED if topic.recorded and bad[topic.name]}
+    recorded = {topic.name for topic in all_topics() if topic.recorded and bad[topic.name]}
     assert set(hub.refused) <= recorded
     # Of topics whose last message is enough Zenoh may have dropped all bad ones; it counts none.
     assert recorded & lossless <= set(hub.refused) | set(hub.dropped)
@@ -149,13 +152,13 @@ def test_a_halted_team_resumes_and_drives_after_it(hub: Hub) -> None:
 def _say_and_ask_all(hub: Hub) -> Counter[str]:
     """Everything once, and after each topic and query what is good; the numbers of bad messages by topic."""
     bad: Counter[str] = Counter()
-    for topic in PUBLISHED:
+    for topic in all_topics():
         publisher = hub.wire.publisher(topic, **{field: NAMES[field] for field in topic.fields})
         for payload in payloads_of(topic):
             publisher.put_bytes(payload)
             bad[topic.name] += is_bad(topic, payload)
         until(hub.is_served, f"nobody is served after {topic.name}")
-    for row in TOPICS:
+    for row in all_rows():
         if isinstance(row, Query):
             for payload in payloads_of(row):
                 _ask(hub.wire, row, payload)

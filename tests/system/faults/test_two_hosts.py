@@ -17,10 +17,11 @@ from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, member
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TASK_SUBMIT, TaskFilter, TaskSubmission
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.table.topics import COORDINATOR_STATE, TASK_EVENT, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from tests.asking import until_answered

@@ -10,15 +10,11 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_PLANNING
+from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from robrain.protocol.table.topics import (
-    COORDINATOR_ALIVE,
-    COORDINATOR_PLANNING,
-    COORDINATOR_STATE,
-    ROBOT_ALIVE,
-    ROBOT_MAP,
-    ROBOT_MAP_WHOLE,
-)
 from tests.asking import until_answered
 from tests.system.conftest import endpoint_of
 from tests.waiting import PATIENCE_S, has_ended, until

@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from robrain.protocol.errors import CallError
-from robrain.protocol.table.topics import ROBOT_CALL
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from tests.asking import until_answered
 from tests.system.conftest import member_at
 from tests.waiting import PATIENCE_S, until

@@ -6,10 +6,10 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TASK_SUBMIT, TaskFilter, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.table.topics import ROBOT_STATE, TASK_LIST, TASK_SUBMIT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.asking import until_answered
 from tests.system.conftest import endpoint_of

@@ -9,9 +9,8 @@ import pytest
 import websockets
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
-from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import ROBOT_STATE
 from tests.system.conftest import endpoint_of
 from tests.waiting import PATIENCE_S
 

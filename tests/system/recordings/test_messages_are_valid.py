@@ -10,7 +10,8 @@ import zenoh
 from mcap.reader import make_reader
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
-from robrain.protocol.table.topics import PUBLISHED, ROBOT_CALL, topic_of
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.table.topics import all_topics, topic_of
 from robrain.protocol.wire.session import open_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.world.link_spec import LinkSpec
@@ -107,7 +108,7 @@ def test_every_message_of_a_run_is_valid_by_two_validators_and_no_topic_is_missi
         assert counts_by_ajv(path) == counted
         counts += counted
     found = {topic_of(key)[0].name for key in counts}  # type: ignore[index]
-    assert found == {topic.name for topic in PUBLISHED if topic.recorded and topic.message is not None}
+    assert found == {topic.name for topic in all_topics() if topic.recorded and topic.message is not None}
     assert sum(counts.values()) > 1000
 
 

@@ -11,10 +11,9 @@ import pytest
 import zenoh
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.team.recorder_messages import RecorderState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.table.topics import RECORDER_STATE, ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.reader.checking import Severity, check_recording
 from robrain.recording.reader.reading import read_messages, recording_info

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.table.topics import ROBOT_ALIVE, ROBOT_STATE
+from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
 from tests.system.conftest import member_at
 from tests.waiting import until
 

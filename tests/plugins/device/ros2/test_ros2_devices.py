@@ -14,8 +14,8 @@ from robrain.plugins.device.ros2 import ros2_base, topic_device
 from robrain.plugins.device.ros2.link import INBOX_MESSAGES, Ros2Parameters, open_link
 from robrain.plugins.device.ros2.ros2_base import TICK_S
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.protocol.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, battery, imu, odometry, scan
 

@@ -11,8 +11,8 @@ from robrain.plugins.device.ros2 import topic_device
 from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.table.topics import ROBOT_EVENT
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, odometry
 

@@ -149,6 +149,11 @@ class WireKey:
         given = {field: check_name(field, name) for field, name in names.items()}
         return self._fill(team, {field: given.get(field, "*") for field in self.fields})
 
+    def intersects(self, other: "WireKey") -> bool:
+        """Whether a key can be of both rows."""
+        pairs = zip(self.chunks, other.chunks, strict=False)
+        return len(self.chunks) == len(other.chunks) and all(one == two or "{" in one + two for one, two in pairs)
+
     def of_every_team(self) -> str:
         """The key expression that matches this row in every team."""
         return "/".join((ROOT, "*", *("*" if chunk.startswith("{") else chunk for chunk in self.chunks)))
