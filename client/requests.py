@@ -6,19 +6,9 @@ from typing import TypeVar
 from robrain.client.members import no_robot, team_found
 from robrain.client.transport import Transport
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.tasks.consensus_messages import (
-    ROBOT_CANCEL,
-    ROBOT_SUBMIT,
-    CancelAcceptance,
-    TaskAcceptance,
-)
-from robrain.protocol.messages.tasks.task_messages import (
-    TASK_CANCEL,
-    TASK_SUBMIT,
-    TaskRecord,
-    TaskRequest,
-    TaskSubmission,
-)
+from robrain.protocol.messages.tasks import consensus_messages, task_messages
+from robrain.protocol.messages.tasks.consensus_messages import CancelAcceptance, TaskAcceptance
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.topic import Q, Query, R
@@ -82,7 +72,7 @@ class Requests:
 
         """
         try:
-            return self.coordinator(TASK_SUBMIT, asked)
+            return self.coordinator(task_messages.TASK_SUBMIT, asked)
         except NobodyThere as error:
             return self.submit_to_robots(asked, error)
 
@@ -90,11 +80,11 @@ class Requests:
         """Submit a task to the first robot that accepts it; errors as those of `submit`."""
 
         def ask(robot: str) -> TaskRecord:
-            answer = self._until_kept(ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
+            answer = self._until_kept(consensus_messages.ROBOT_SUBMIT, asked, robot, "may be lost: only {} has it")
             reason = cut(f"there is no coordinator; {', '.join(answer.known_to)} accepted it")
             return TaskRecord(task=answer.task, state=TaskState.QUEUED, by=asked.by, why=reason)
 
-        return self._first_robot(ask, TASK_SUBMIT, asked, no_coordinator)
+        return self._first_robot(ask, task_messages.TASK_SUBMIT, asked, no_coordinator)
 
     def cancel(self, asked: TaskRequest) -> TaskRecord:
         """Cancel a task at the coordinator, or at a robot if there is none and robots continue without.
@@ -105,16 +95,18 @@ class Requests:
 
         """
         try:
-            return self.coordinator(TASK_CANCEL, asked)
+            return self.coordinator(task_messages.TASK_CANCEL, asked)
         except NobodyThere as error:
             no_coordinator = error
 
         def ask(robot: str) -> TaskRecord:
-            answer = self._until_kept(ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled")
+            answer = self._until_kept(
+                consensus_messages.ROBOT_CANCEL, asked, robot, "may go on: only {} knows that it is cancelled"
+            )
             reason = cut(f"there is no coordinator; {', '.join(answer.known_to)} cancelled it")
             return TaskRecord(task=answer.task, state=TaskState.CANCELLED, why=reason)
 
-        return self._first_robot(ask, TASK_CANCEL, asked, no_coordinator)
+        return self._first_robot(ask, task_messages.TASK_CANCEL, asked, no_coordinator)
 
     def _first_robot(
         self, ask: Callable[[str], TaskRecord], topic: Query[Q, TaskRecord], asked: Q, no_coordinator: NobodyThere

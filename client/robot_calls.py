@@ -13,6 +13,7 @@ from robrain.client.transport import Listening, Transport
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import NobodyThere, WireError
 from robrain.protocol.links.inbox import Inbox
+from robrain.protocol.messages.robots import plugin_messages
 from robrain.protocol.messages.robots.action_messages import ActionEnd
 from robrain.protocol.messages.robots.host_messages import (
     HOST_COMMAND,
@@ -28,15 +29,7 @@ from robrain.protocol.messages.robots.host_messages import (
     ReloadRequest,
     UnloadRequest,
 )
-from robrain.protocol.messages.robots.plugin_messages import (
-    ROBOT_CALL,
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    ROBOT_LOG_KEPT,
-    ROBOT_PLUGINS,
-    LogRecord,
-    PluginInfo,
-)
+from robrain.protocol.messages.robots.plugin_messages import LogRecord, PluginInfo
 from robrain.protocol.wire.endpoint import Endpoint
 
 PluginInfos = list[PluginInfo]
@@ -61,7 +54,7 @@ class ActionEnds:
     def __init__(self, transport: Transport, wire: Endpoint, robot: str, plugin: str) -> None:
         self._transport, self._wire, self._robot, self._plugin = transport, wire, robot, plugin
         self._inbox = Inbox()
-        wire.subscribe(self._inbox, ROBOT_EVENT, robot=robot, plugin=plugin, event=FINISHED)
+        wire.subscribe(self._inbox, plugin_messages.ROBOT_EVENT, robot=robot, plugin=plugin, event=FINISHED)
 
     def end_of(self, action: str, timeout_s: float | None = None) -> ActionEnd:
         """Wait for the end of an action.
@@ -133,7 +126,7 @@ class RobotCalls:
         asked = msgspec.json.encode(arguments if named is None else named)
         names = {"robot": robot, "plugin": plugin, "function": function}
         try:
-            reply = self._wire.ask(ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
+            reply = self._wire.ask(plugin_messages.ROBOT_CALL, asked, timeout_s=timeout_s, by=by, **names)
         except NobodyThere as error:
             raise no_robot(self._wire, robot, "calls") from error
         try:
@@ -205,7 +198,7 @@ class RobotCalls:
 
     def plugins(self, robot: str) -> PluginInfos:
         """Return the plugins of a robot with state, functions and, if not running, the reason."""
-        return self._requests.robot(ROBOT_PLUGINS, None, robot)
+        return self._requests.robot(plugin_messages.ROBOT_PLUGINS, None, robot)
 
     def log(self, robot: str, *, follow: bool = False) -> Iterator[LogRecord]:
         """Yield the last lines of a robot's log, and each further one without end if `follow`.
@@ -217,8 +210,8 @@ class RobotCalls:
 
         """
         wire, inbox = self._listening.open(), Inbox()
-        wire.subscribe(inbox, ROBOT_LOG, robot=robot)
-        kept = self._requests.robot(ROBOT_LOG_KEPT, None, robot)
+        wire.subscribe(inbox, plugin_messages.ROBOT_LOG, robot=robot)
+        kept = self._requests.robot(plugin_messages.ROBOT_LOG_KEPT, None, robot)
         return self._listening.until_done(wire, self._log(inbox, kept, follow=follow))
 
     def _log(self, inbox: Inbox, kept: list[LogRecord], *, follow: bool) -> Iterator[LogRecord]:

@@ -32,16 +32,8 @@ from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.plan_messages import (
-    COORDINATOR_OBJECTIVE,
-    COORDINATOR_PLANNING,
-    TASK_DECISION,
-    TASK_PROBLEM,
-    ObjectiveRequest,
-    PlannedCharge,
-    PlanningStatus,
-    TaskDecision,
-)
+from robrain.protocol.messages.tasks import plan_messages
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -216,10 +208,10 @@ class Planning:
         self._seen_version = -1
         self._asked_ns: int | None = None
         self._cause = ""
-        self._decision_publisher = wire.publisher(TASK_DECISION)
-        self._problem_publisher = wire.publisher(TASK_PROBLEM)
-        wire.answer(COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
-        wire.answer(COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
+        self._decision_publisher = wire.publisher(plan_messages.TASK_DECISION)
+        self._problem_publisher = wire.publisher(plan_messages.TASK_PROBLEM)
+        wire.answer(plan_messages.COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
+        wire.answer(plan_messages.COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
 
     @property
     def is_on(self) -> bool:

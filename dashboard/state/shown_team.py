@@ -11,33 +11,14 @@ from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ROBOT_MAP, ExplorationLeft, MapPatch
 from robrain.protocol.messages.maps.patch_cells import cells_of
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_LINKS,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    PlannedPath,
-    RobotLinks,
-    RobotState,
-)
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
+from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import (
-    COORDINATOR_CHARGES,
-    TASK_DECISION,
-    ChargeSchedule,
-    PlannedCharge,
-    TaskDecision,
-)
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_CLOCK,
-    ARENA_PREPARATION,
-    ARENA_SCAN,
-    ARENA_TRUTH,
-    ArenaClock,
-    ArenaPreparation,
-    ArenaTruth,
-    Scan,
-)
+from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, TeamState
 from robrain.protocol.model.geometry import Point2D
@@ -150,24 +131,24 @@ class ShownTeam:
         self._speed = RateMeter()
         self._traffic = RateMeter()
         handlers: dict[Topic[Any], Callable[[Any, Names, float], None]] = {
-            ROBOT_STATE: self._handle_state,
+            robot_messages.ROBOT_STATE: self._handle_state,
             ROBOT_MAP: self._handle_patch,
-            ROBOT_PATH: self._handle_path,
-            ROBOT_LINKS: self._handle_links,
+            robot_messages.ROBOT_PATH: self._handle_path,
+            robot_messages.ROBOT_LINKS: self._handle_links,
             ROBOT_EVENT: self._handle_event,
             ROBOT_LOG: self._handle_log,
             MOTE_READING: self._handle_reading,
             TASK_EVENT: self._handle_task,
-            TASK_DECISION: self._handle_decision,
+            plan_messages.TASK_DECISION: self._handle_decision,
             COORDINATOR_STATE: self._handle_team,
-            COORDINATOR_CHARGES: self._handle_charges,
+            plan_messages.COORDINATOR_CHARGES: self._handle_charges,
             COORDINATOR_LEFT: self._handle_left,
             RECORDER_STATE: self._handle_recorder,
             HALT: self._handle_halt,
-            ARENA_SCAN: self._handle_scan,
-            ARENA_CLOCK: self._handle_clock,
-            ARENA_TRUTH: self._handle_truth,
-            ARENA_PREPARATION: self._handle_preparation,
+            arena_messages.ARENA_SCAN: self._handle_scan,
+            arena_messages.ARENA_CLOCK: self._handle_clock,
+            arena_messages.ARENA_TRUTH: self._handle_truth,
+            arena_messages.ARENA_PREPARATION: self._handle_preparation,
         }
         self.others: dict[str, Any] = {}
         """The last message of each key of other topics, for parts of the page that read them."""

@@ -19,13 +19,8 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_PATH,
-    ROBOT_STATE,
-    BatteryState,
-    PlannedPath,
-    RobotState,
-)
+from robrain.protocol.messages.robots import robot_messages
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.model.geometry import Pose2D
@@ -365,7 +360,7 @@ class Gateway:
             self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
             self._texts = port.subscribe("submit_task", ros.STRING)
             self._halts = port.serve("halt", ros.TRIGGER)
-        for topic in (ROBOT_STATE, ROBOT_PATH, ARENA_SCAN, TASK_EVENT):
+        for topic in (robot_messages.ROBOT_STATE, robot_messages.ROBOT_PATH, ARENA_SCAN, TASK_EVENT):
             wire.subscribe(self._inbox, topic)
         wire.subscribe(self._maps, ROBOT_MAP)
 
@@ -389,11 +384,11 @@ class Gateway:
                 self._handle_task(message)
             elif (word := self._word(message.robot)) is None:
                 self.left_out += 1
-            elif topic is ROBOT_STATE:
+            elif topic is robot_messages.ROBOT_STATE:
                 self._handle_state(message, word)
                 if _is_placed(message):
                     moved.append(transform(word, message.pose, self._frame, message.stamp_ns or now_ns))
-            elif topic is ROBOT_PATH:
+            elif topic is robot_messages.ROBOT_PATH:
                 self._write(f"{word}/path", ros.PATH, LATCHED, path(message, self._frame))
             elif topic is ARENA_SCAN:
                 scan = laser_scan(message)

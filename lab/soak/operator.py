@@ -7,13 +7,8 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
-from robrain.protocol.messages.tasks.task_messages import (
-    TASK_CANCEL,
-    TASK_SUBMIT,
-    TaskRecord,
-    TaskRequest,
-    TaskSubmission,
-)
+from robrain.protocol.messages.tasks import task_messages
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Endpoint
@@ -95,7 +90,7 @@ class Operator:
         if any(name not in self.acknowledged for name in task.after):
             return False
         try:
-            self._wire.ask(TASK_SUBMIT, TaskSubmission(task=task, by=OPERATOR), timeout_s=NOT_NOW_S)
+            self._wire.ask(task_messages.TASK_SUBMIT, TaskSubmission(task=task, by=OPERATOR), timeout_s=NOT_NOW_S)
         except NobodyThere:
             return False
         except CallError as error:
@@ -119,9 +114,8 @@ class Operator:
             return False
         self.asked_to_cancel.add(task_id)
         try:
-            self._wire.ask(
-                TASK_CANCEL, TaskRequest(id=task_id, by=OPERATOR, why="the script says so"), timeout_s=NOT_NOW_S
-            )
+            asked = TaskRequest(id=task_id, by=OPERATOR, why="the script says so")
+            self._wire.ask(task_messages.TASK_CANCEL, asked, timeout_s=NOT_NOW_S)
         except NobodyThere:
             return False
         except CallError as error:

@@ -39,7 +39,6 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
-from numpy import float32
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -54,21 +53,9 @@ from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import OCCUPIED as OCCUPIED_CELL
 from robrain.protocol.topic import Topic
+from robrain.recording.drawing import palette
 from robrain.recording.drawing.drawn_map import DrawnFloor
-from robrain.recording.drawing.palette import (
-    FREE,
-    FRONTIER,
-    HALTED,
-    LOST,
-    NOSE,
-    OCCUPIED,
-    UNKNOWN,
-    WALL,
-    WARNING,
-    Rgb,
-    mote_color,
-    style_of,
-)
+from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, NOSE, WALL, WARNING, Rgb, mote_color, style_of
 from robrain.recording.drawing.recorded_map import KnownMap
 from robrain.recording.foxglove import visual_topics
 from robrain.recording.foxglove.plain_schema import plain_schema
@@ -189,8 +176,8 @@ def map_grid(grid: OccupancyGrid, stamp_ns: int) -> Grid:
     geometry = grid.geometry
     # Classes are −1, 0 and 100; as unsigned bytes 255, 0 and 100.
     colors = np.zeros((256, 4), np.uint8)
-    colors[255] = (*UNKNOWN, UNKNOWN_ALPHA)
-    colors[0], colors[100] = (*FREE, 255), (*OCCUPIED, 255)
+    colors[255] = (*palette.UNKNOWN, UNKNOWN_ALPHA)
+    colors[0], colors[100] = (*palette.FREE, 255), (*palette.OCCUPIED, 255)
     fields = [
         PackedElementField(name=name, offset=offset, type=PackedElementField.UINT8)
         for offset, name in enumerate(("red", "green", "blue", "alpha"))
@@ -346,7 +333,7 @@ def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
     return entity
 
 
-def walls_entity(boxes: NDArray[float32], stamp_ns: int) -> SceneEntity:
+def walls_entity(boxes: NDArray[np.float32], stamp_ns: int) -> SceneEntity:
     """The known walls, raised."""
     entity = _entity("walls", ARENA, stamp_ns)
     entity.cubes.extend(wall_cubes(boxes, WALL))

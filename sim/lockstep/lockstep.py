@@ -29,14 +29,8 @@ from robrain.protocol.links.exchange import COORDINATOR, EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ExplorationLeft
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_OUTSIDE,
-    ARENA_SCRIPT,
-    ArenaTruth,
-    LinkCounters,
-    OutsideInput,
-    ScriptInput,
-)
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounters, OutsideInput, ScriptInput
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
@@ -160,8 +154,8 @@ class LockstepRun:
         )
         self._recorder = Recorder(self._endpoint(team), record, provenance, visual=True)
         self._closers.append(self._close_recorder)
-        self._outside = self._watcher.publisher(ARENA_OUTSIDE)
-        self._script = self._watcher.publisher(ARENA_SCRIPT)
+        self._outside = self._watcher.publisher(arena_messages.ARENA_OUTSIDE)
+        self._script = self._watcher.publisher(arena_messages.ARENA_SCRIPT)
         self._inbox = Inbox()
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)

@@ -5,13 +5,8 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_PREPARATION,
-    ArenaPreparation,
-    ArenaTruth,
-    MoteTruth,
-    RobotTruth,
-)
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -33,7 +28,7 @@ class StartPicture:
 
     def __init__(self, endpoint: Endpoint, world: World) -> None:
         self._endpoint = endpoint
-        self._publisher = endpoint.publisher(ARENA_PREPARATION)
+        self._publisher = endpoint.publisher(arena_messages.ARENA_PREPARATION)
         cells = PatchCells(0, 0, floor_classes(world.plan), 0)
         floor = to_message(WHO, team_geometry(world.plan), cells)
         self._blank = ArenaPreparation(parts_ready=0, parts=0, floor=floor, truth=start_truth(world))

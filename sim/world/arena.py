@@ -13,17 +13,8 @@ import numpy as np
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_CAMERA,
-    ARENA_CLOCK,
-    ARENA_RADIO_RX,
-    ARENA_SENSE,
-    ARENA_TRUTH,
-    ArenaClock,
-    ArenaTruth,
-    MoteTruth,
-    RobotTruth,
-)
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.tinyos.packet import ActiveMessage
@@ -88,7 +79,7 @@ class FaultSchedule:
         if fault.kind is not FaultKind.MOTE_BASE_FLOODS:
             self._robots[name].set_fault(fault, breaks=breaks)
         elif breaks:
-            self._floods[name] = self._endpoint.publisher(ARENA_RADIO_RX, robot=name)
+            self._floods[name] = self._endpoint.publisher(arena_messages.ARENA_RADIO_RX, robot=name)
             self.is_on = True
         else:
             del self._floods[name]
@@ -173,9 +164,9 @@ class Arena:
         self._index = {name: index for index, name in enumerate(names)}
         self._seen_motes = [SeenMote(mote.number, mote.place) for mote in motes]
         for name in names:
-            endpoint.answer(ARENA_CAMERA, self._answer_picture, robot=name)
+            endpoint.answer(arena_messages.ARENA_CAMERA, self._answer_picture, robot=name)
         for name in names:
-            endpoint.answer(ARENA_SENSE, self._answer_measurement, robot=name)
+            endpoint.answer(arena_messages.ARENA_SENSE, self._answer_measurement, robot=name)
         self._mote_truths = [MoteTruth(mote=mote.name, place=mote.place) for mote in motes]
         starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in robots]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
@@ -184,8 +175,8 @@ class Arena:
         faults = [fault for fault in world.faults if fault.is_plain]
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self.tasks = TaskSchedule(world.tasks, endpoint)
-        self._clock_publisher = endpoint.publisher(ARENA_CLOCK)
-        self._truth_publisher = endpoint.publisher(ARENA_TRUTH)
+        self._clock_publisher = endpoint.publisher(arena_messages.ARENA_CLOCK)
+        self._truth_publisher = endpoint.publisher(arena_messages.ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
         self._truth_period_ticks = max(1, round(TRUTH_PERIOD_S / tick_s))
         self._true_pose_period_ticks = max(1, round(TRUE_POSE_PERIOD_S / tick_s))

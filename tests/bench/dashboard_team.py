@@ -15,14 +15,8 @@ import numpy as np
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_ALIVE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    BatteryState,
-    PlannedPath,
-    RobotState,
-)
+from robrain.protocol.messages.robots import robot_messages
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, ARENA_TRUTH, ArenaTruth, Scan
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, RobotSummary, TeamState
 from robrain.protocol.model.energy_model import EnergyModel
@@ -63,8 +57,8 @@ class LargeTeam:
             for place in self._mote_places
         ]
         self._ranges_mm = [[int(mm) for mm in rng.integers(500, 6000, 180)] for _ in range(10)]
-        self._states = [endpoint.publisher(ROBOT_STATE, robot=robot) for robot in self._robots]
-        self._paths = [endpoint.publisher(ROBOT_PATH, robot=robot) for robot in self._robots]
+        self._states = [endpoint.publisher(robot_messages.ROBOT_STATE, robot=robot) for robot in self._robots]
+        self._paths = [endpoint.publisher(robot_messages.ROBOT_PATH, robot=robot) for robot in self._robots]
         self._scans = [endpoint.publisher(ARENA_SCAN, robot=robot) for robot in self._robots]
         self._readings = [endpoint.publisher(MOTE_READING, mote=f"m{number}") for number in range(1, MOTES + 1)]
         self._truth = endpoint.publisher(ARENA_TRUTH)
@@ -73,7 +67,7 @@ class LargeTeam:
         whole = msgspec.json.encode(whole_map())
         endpoint.answer(ROBOT_MAP_WHOLE, lambda _: whole, robot=self._robots[0])
         for robot in self._robots:
-            endpoint.token(ROBOT_ALIVE, robot=robot)
+            endpoint.token(robot_messages.ROBOT_ALIVE, robot=robot)
 
     def tick(self, number: int) -> None:
         """A tenth of a second."""

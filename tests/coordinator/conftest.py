@@ -19,23 +19,11 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
+from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-    BatteryState,
-    RobotState,
-    TaskStatus,
-)
-from robrain.protocol.messages.tasks.offer_messages import (
-    ROBOT_OFFER,
-    ROBOT_WITHDRAW,
-    TASK_EVENT,
-    TaskAnswer,
-    TaskEvent,
-    TaskOffer,
-    TaskWithdrawal,
-)
+from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
+from robrain.protocol.messages.tasks import offer_messages
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskEvent, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskFilter, TaskRecord, TaskSubmission
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.energy_model import EnergyModel
@@ -84,14 +72,14 @@ class FakeRobot:
     def come(self) -> None:
         """Join the wire; its own map and task are as they were."""
         self.wire = Endpoint(self._team.session, "default", self._team.clock, Drive.LOCKSTEP)
-        self._states = self.wire.publisher(ROBOT_STATE, robot=self.name)
+        self._states = self.wire.publisher(robot_messages.ROBOT_STATE, robot=self.name)
         self._maps = self.wire.publisher(ROBOT_MAP, robot=self.name)
-        self.wire.answer(ROBOT_OFFER, self._offered, robot=self.name)
-        self.wire.answer(ROBOT_WITHDRAW, self._withdrawn, robot=self.name)
+        self.wire.answer(offer_messages.ROBOT_OFFER, self._offered, robot=self.name)
+        self.wire.answer(offer_messages.ROBOT_WITHDRAW, self._withdrawn, robot=self.name)
         self.wire.answer(ROBOT_MAP_WHOLE, lambda _request: self._whole(), robot=self.name)
         self.wire.answer(ROBOT_PLUGINS, lambda _request: self._plugins(), robot=self.name)
         self.wire.answer(ROBOT_CALL, lambda request: self._called(request.names["function"]), robot=self.name)
-        self.wire.token(ROBOT_ALIVE, robot=self.name)
+        self.wire.token(robot_messages.ROBOT_ALIVE, robot=self.name)
 
     def leave(self) -> None:
         self.wire.close()
@@ -167,7 +155,7 @@ class Team:
         ears = self.endpoint()
         self._told: dict[int, TaskEvent] = {}
         self._events, self._summaries = Inbox(100_000, every=True), Inbox(100_000, every=True)
-        ears.subscribe(self._events, TASK_EVENT)
+        ears.subscribe(self._events, offer_messages.TASK_EVENT)
         ears.subscribe(self._summaries, COORDINATOR_STATE)
         self.heard: list[TaskEvent] = []
         self.asker = self.endpoint()

@@ -18,21 +18,9 @@ from robrain.dashboard.replay.replay_source import Mark
 from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import (
-    ROBOT_EVENT,
-    ROBOT_LOG,
-    Event,
-    FunctionInfo,
-    LogRecord,
-    PluginInfo,
-)
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_STATE,
-    BatteryState,
-    PluginFault,
-    RobotState,
-    TaskStatus,
-)
+from robrain.protocol.messages.robots import plugin_messages, robot_messages
+from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
@@ -87,7 +75,7 @@ def test_robot_is_told_in_figures() -> None:
     battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=0.456, remaining_j=1.0)
     task = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING, why="the nearest border")
     state = RobotState(robot="r1", pose=Pose2D(1.25, -3.0, 0.0), battery=battery, behavior="explore", task=task)
-    tell(view, ROBOT_STATE, state, robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, state, robot="r1")
     values = Page(robots_html(view, 1.0)).values
     assert values["robot-r1-contact"].strip() == "● up"
     assert values["robot-r1-battery"] == "46 %"
@@ -111,8 +99,8 @@ def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
 
 def test_halt_is_told_with_how_many_obey() -> None:
     view = ShownTeam()
-    tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
-    tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r2")
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r2"), robot="r2")
     tell(view, HALT, Halt(halted=True, by="dashboard", reason="smoke"))
     told = Page(strip_html(view, 0.0)).values["halt-state"]
     assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots report that they are halted."
@@ -136,7 +124,7 @@ def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_p
     assert card.values["plugin-why"] == TRACEBACK
     view = ShownTeam()
     state = RobotState(robot="r1", faulted=[PluginFault(plugin="greeter", why=TRACEBACK)])
-    tell(view, ROBOT_STATE, state, robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, state, robot="r1")
     assert Page(robot_card_html(view, view.robots["r1"], 0.0)).values["plugin-why"] == TRACEBACK
     # Above the tabs there is room for its last line.
     alerts = Page(strip_html(view, 0.0)).values["alerts"]
@@ -210,10 +198,17 @@ def evil_view(halted: bool) -> ShownTeam:
             voltage_v=1.0, current_a=1.0, temperature_c=1.0, soc=0.1, remaining_j=1.0, implausible=EVIL
         ),
     )
-    tell(view, ROBOT_STATE, state, robot=EVIL)
+    tell(view, robot_messages.ROBOT_STATE, state, robot=EVIL)
     tell(view, HALT, Halt(halted=True, by=EVIL, reason=EVIL))
-    tell(view, ROBOT_LOG, LogRecord(robot=EVIL, level=EVIL, source=EVIL, text=EVIL), robot=EVIL)
-    tell(view, ROBOT_EVENT, Event(robot=EVIL, plugin=EVIL, event=EVIL, value=EVIL), robot=EVIL, plugin="p", event="e")
+    tell(view, plugin_messages.ROBOT_LOG, LogRecord(robot=EVIL, level=EVIL, source=EVIL, text=EVIL), robot=EVIL)
+    tell(
+        view,
+        plugin_messages.ROBOT_EVENT,
+        Event(robot=EVIL, plugin=EVIL, event=EVIL, value=EVIL),
+        robot=EVIL,
+        plugin="p",
+        event="e",
+    )
     task = Task(id=EVIL, kind="visit", place=Point2D(1.0, 2.0))
     running = TaskEvent(task=task, state=TaskState.RUNNING, robot=EVIL, why=EVIL)
     tell(view, TASK_EVENT, running, task="t")

@@ -12,9 +12,8 @@ from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
+from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import (
-    ARENA_CLOCK,
-    ARENA_PREPARATION,
     ArenaClock,
     ArenaPreparation,
     ArenaTruth,
@@ -50,7 +49,7 @@ def prepared() -> ShownTeam:
     view = ShownTeam()
     view.coordinator_up = True
     view.apply_presence(token("r1", True))
-    tell(view, ARENA_PREPARATION, preparation())
+    tell(view, arena_messages.ARENA_PREPARATION, preparation())
     return view
 
 
@@ -75,7 +74,7 @@ def test_waiting_robots_are_ready_and_nothing_is_wrong_however_long_it_takes() -
 def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -> None:
     view = prepared()
     version = view.floor_version
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
+    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
     assert view.preparation is None
     assert view.robots["r1"].pose is None
     assert "preparation" not in strip_html(view, 0.0)
@@ -89,9 +88,9 @@ def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -
 
 def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
     view = prepared()
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
+    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
     assert view.floor is not None
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
+    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
     assert view.floor is None
 
 
@@ -102,7 +101,7 @@ def first_patch() -> MapPatch:
 
 def test_plan_that_does_not_fill_its_grid_is_rejected_whole() -> None:
     view = ShownTeam()
-    tell(view, ARENA_PREPARATION, preparation(columns=4))
+    tell(view, arena_messages.ARENA_PREPARATION, preparation(columns=4))
     assert view.rejected == 1
     assert view.preparation is None
     assert view.floor is None

@@ -11,24 +11,11 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_IMAGE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    PlannedPath,
-    RobotState,
-    TaskStatus,
-)
+from robrain.protocol.messages.robots import robot_messages
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_CLOCK,
-    ARENA_SCAN,
-    ARENA_TRUTH,
-    ArenaClock,
-    ArenaTruth,
-    MoteTruth,
-    Scan,
-)
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -42,7 +29,7 @@ def tell(view: ShownTeam, topic: Topic, message: Message, now_s: float = 0.0, **
 
 
 def tell_place(view: ShownTeam, robot: str, x_m: float, now_s: float = 0.0) -> None:
-    tell(view, ROBOT_STATE, RobotState(robot=robot, pose=Pose2D(x_m, 0.0, 0.0)), now_s, robot=robot)
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot=robot, pose=Pose2D(x_m, 0.0, 0.0)), now_s, robot=robot)
 
 
 def token(robot: str, present: bool) -> Change:
@@ -75,7 +62,7 @@ def view() -> ShownTeam:
 
 
 def test_robot_is_named_by_its_key_not_by_what_it_says(view: ShownTeam) -> None:
-    tell(view, ROBOT_STATE, RobotState(robot="r2"), robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r2"), robot="r1")
     assert list(view.robots) == ["r1"]
 
 
@@ -156,12 +143,12 @@ def test_patch_that_makes_no_sense_is_refused_and_leaves_no_grid(view: ShownTeam
 
 
 def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: ShownTeam) -> None:
-    tell(view, ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(1, 1)]), robot="r1")
+    tell(view, robot_messages.ROBOT_PATH, PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(1, 1)]), robot="r1")
     robot = view.robots["r1"]
     assert view.goal_of(robot) == Point2D(1, 1)
     task = Task(id="t1", kind="explore", place=Point2D(5, 5))
     running = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING)
-    tell(view, ROBOT_STATE, RobotState(robot="r1", task=running), robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r1", task=running), robot="r1")
     tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.RUNNING, robot="r1"))
     assert view.goal_of(robot) == Point2D(5, 5)
     tell(view, TASK_EVENT, TaskEvent(task=task, state=TaskState.DONE, robot="r1"))
@@ -171,7 +158,7 @@ def test_goal_is_the_tasks_and_else_the_end_of_the_path(view: ShownTeam) -> None
 
 def test_motes_keep_the_latest_of_each_quantity_and_a_place(view: ShownTeam) -> None:
     truth = ArenaTruth(sim_time_s=1.0, robots=[], motes=[MoteTruth(mote="m1", place=Point2D(3, 4))])
-    tell(view, ARENA_TRUTH, truth)
+    tell(view, arena_messages.ARENA_TRUTH, truth)
     for stamp_ns, (quantity, value) in enumerate([("light", 1.0), ("temperature", 20.0), ("light", 2.0)]):
         reading = MoteReading(
             stamp_ns=stamp_ns,
@@ -224,14 +211,14 @@ def test_halt_of_the_team_counts_until_its_end(view: ShownTeam) -> None:
 
 
 def test_late_joiner_sees_by_a_halted_robot_that_the_team_is_halted(view: ShownTeam) -> None:
-    tell(view, ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
+    tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
     assert view.halted
 
 
 def test_speed_and_traffic_are_measured_on_the_callers_clock(view: ShownTeam) -> None:
     assert view.speed is None
     for tick in range(21):
-        tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=tick * 0.3), now_s=tick * 0.1)
+        tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=tick * 0.3), now_s=tick * 0.1)
         view.count_messages(tick * 7, tick * 0.1)
     assert view.speed == pytest.approx(3.0)
     assert view.messages_per_s == pytest.approx(70.0)
@@ -240,7 +227,7 @@ def test_speed_and_traffic_are_measured_on_the_callers_clock(view: ShownTeam) ->
 def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: ShownTeam) -> None:
     for second in range(5000):
         truth = ArenaTruth(sim_time_s=float(second), robots=[], explored_fraction=second / 5000)
-        tell(view, ARENA_TRUTH, truth)
+        tell(view, arena_messages.ARENA_TRUTH, truth)
     assert view.explored_fraction == pytest.approx(0.9998)
     assert HISTORY_POINTS / 2 <= len(view.explored) <= HISTORY_POINTS
     assert view.explored[0][0] == 0.0
@@ -249,12 +236,14 @@ def test_explored_share_is_kept_for_a_long_run_in_bounded_space(view: ShownTeam)
 
 def test_clock_that_starts_over_begins_another_run(view: ShownTeam) -> None:
     view.apply_presence(token("r1", True))
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=100.0))
+    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=100.0))
     tell(view, ROBOT_MAP, patch([[0]]), robot="r1")
     tell_place(view, "r1", 1.0)
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=99.5))  # two topics tell the time, and may overtake each other
+    tell(
+        view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=99.5)
+    )  # two topics tell the time, and may overtake each other
     assert (view.runs, view.sim_time_s) == (1, 100.0)
-    tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=0.0))
+    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=0.0))
     assert (view.runs, view.sim_time_s) == (2, 0.0)
     assert view.map.grid is None
     assert not view.robots["r1"].trail
@@ -280,11 +269,14 @@ def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: 
 
 def test_scan_belongs_to_its_robot(view: ShownTeam) -> None:
     scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
-    tell(view, ARENA_SCAN, scan, robot="r1")
+    tell(view, arena_messages.ARENA_SCAN, scan, robot="r1")
     assert view.robots["r1"].scan == scan
 
 
 def test_other_topics_are_left_out(view: ShownTeam) -> None:
-    view.apply(Received(ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""), 0.0)
+    view.apply(
+        Received(robot_messages.ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""),
+        0.0,
+    )
     assert view.robots == {}
-    assert ROBOT_IMAGE not in view.topics
+    assert robot_messages.ROBOT_IMAGE not in view.topics

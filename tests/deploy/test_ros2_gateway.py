@@ -18,13 +18,8 @@ from robrain.deploy.ros2.gateway_process import TEXT_MAX, WAITING_MAX, Gateway, 
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import NobodyThere
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_PATH,
-    ROBOT_STATE,
-    BatteryState,
-    PlannedPath,
-    RobotState,
-)
+from robrain.protocol.messages.robots import robot_messages
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
@@ -170,7 +165,7 @@ class Bench(NamedTuple):
         self.gateway.step()
 
     def state(self, robot: str = "r1", **values: Any) -> None:
-        self.say(ROBOT_STATE, RobotState(robot=robot, **values), robot=robot)
+        self.say(robot_messages.ROBOT_STATE, RobotState(robot=robot, **values), robot=robot)
         self.step()
 
 
@@ -239,7 +234,7 @@ def test_a_scan_is_in_its_robots_frame_and_no_return_is_infinite(bench):
 
 def test_a_path_is_latched_and_looks_ahead(bench):
     planned = PlannedPath(robot="r1", points=[Point2D(0, 0), Point2D(0, 1), Point2D(1, 1)])
-    bench.say(ROBOT_PATH, planned, robot="r1")
+    bench.say(robot_messages.ROBOT_PATH, planned, robot="r1")
     bench.step()
     poses = bench.port.last("r1/path").poses
     yaws_rad = [2 * math.atan2(each.pose.orientation.z, each.pose.orientation.w) for each in poses]

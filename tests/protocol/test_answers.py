@@ -5,13 +5,8 @@ import pytest
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.answers.later import call_error
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
-from robrain.protocol.messages.robots.host_messages import (
-    HOST_HALT,
-    HOST_RESUME,
-    HaltAnswer,
-    HaltRequest,
-    ResumeRequest,
-)
+from robrain.protocol.messages.robots import host_messages
+from robrain.protocol.messages.robots.host_messages import HaltAnswer, HaltRequest, ResumeRequest
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT
 from robrain.protocol.topic import Urgency
@@ -42,9 +37,9 @@ def test_a_query_that_reaches_an_endpoint_while_it_closes_is_answered_unloaded(w
 
 
 def test_a_reply_on_behalf_of_another_robot_is_refused(wire):
-    wire.robot.answer(HOST_HALT, lambda _: HaltAnswer(robot="r2", halted=True), robot="r1")
+    wire.robot.answer(host_messages.HOST_HALT, lambda _: HaltAnswer(robot="r2", halted=True), robot="r1")
     with pytest.raises(CallError, match="a bad reply: its key says robot r1, its payload r2") as refused:
-        wire.other.ask(HOST_HALT, HaltRequest(by="ann"), robot="r1")
+        wire.other.ask(host_messages.HOST_HALT, HaltRequest(by="ann"), robot="r1")
     assert refused.value.code is ErrorCode.FAILED
 
 
@@ -52,11 +47,11 @@ def test_reply_in_a_secured_team_is_compared_with_the_robot_that_was_asked(sessi
     monkeypatch.setattr("robrain.protocol.wire.endpoint.member_on", lambda _: Member(MemberRole.OPERATOR, "t", "ann"))
     wire = Wire(session)
     for robot in ("r1", "r2"):
-        wire.robot.answer(HOST_RESUME, lambda _: HaltAnswer(robot="r1", halted=False), robot=robot)
-    assert not wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").halted
-    assert not wire.other.ask_later(HOST_RESUME, ResumeRequest(by="ann"), robot="r1").poll().halted
+        wire.robot.answer(host_messages.HOST_RESUME, lambda _: HaltAnswer(robot="r1", halted=False), robot=robot)
+    assert not wire.other.ask(host_messages.HOST_RESUME, ResumeRequest(by="ann"), robot="r1").halted
+    assert not wire.other.ask_later(host_messages.HOST_RESUME, ResumeRequest(by="ann"), robot="r1").poll().halted
     with pytest.raises(CallError, match="its key says robot r2, its payload r1"):
-        wire.other.ask(HOST_RESUME, ResumeRequest(by="ann"), robot="r2")
+        wire.other.ask(host_messages.HOST_RESUME, ResumeRequest(by="ann"), robot="r2")
     wire.close()
 
 

@@ -10,15 +10,9 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_ALIVE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    BatteryState,
-    PlannedPath,
-    RobotState,
-)
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, HALT
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -49,7 +43,7 @@ class FakeTeam:
         self._endpoint.token(COORDINATOR_ALIVE)
         for robot in ROBOTS:
             self._endpoint.answer(ROBOT_MAP_WHOLE, whole_map, robot=robot)
-            self._endpoint.token(ROBOT_ALIVE, robot=robot)
+            self._endpoint.token(robot_messages.ROBOT_ALIVE, robot=robot)
         self._thread.start()
         return self
 
@@ -60,8 +54,8 @@ class FakeTeam:
         self.session.close()  # type: ignore[no-untyped-call]
 
     def _run(self) -> None:
-        states = {robot: self._endpoint.publisher(ROBOT_STATE, robot=robot) for robot in ROBOTS}
-        paths = {robot: self._endpoint.publisher(ROBOT_PATH, robot=robot) for robot in ROBOTS}
+        states = {robot: self._endpoint.publisher(robot_messages.ROBOT_STATE, robot=robot) for robot in ROBOTS}
+        paths = {robot: self._endpoint.publisher(robot_messages.ROBOT_PATH, robot=robot) for robot in ROBOTS}
         truth = self._endpoint.publisher(ARENA_TRUTH)
         log = self._endpoint.publisher(ROBOT_LOG, robot="r1")
         events = self._endpoint.publisher(ROBOT_EVENT, robot="r1", plugin="p", event="e")

@@ -10,10 +10,8 @@ from robrain.agent.consensus.holders import GOES_ON_S
 from robrain.agent.consensus.known_tasks import ENDED_MAX, TASKS_MAX, KnownTasks
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks import consensus_messages
 from robrain.protocol.messages.tasks.consensus_messages import (
-    ASKED_MAX,
-    ENDS_MAX,
-    ROBOT_BALLOT,
     TaskAsked,
     TaskDone,
     TaskHeld,
@@ -192,13 +190,13 @@ def test_what_is_too_large_to_be_told_to_others_is_not_remembered() -> None:
 
 def test_as_many_tasks_as_large_as_robots_remember_make_no_ballot_that_is_too_large(one: OneRobot) -> None:
     alone(one)
-    for number in range(ASKED_MAX):
+    for number in range(consensus_messages.ASKED_MAX):
         task = visit(f"{number:060}", needs=("camera" * 10,) * 60, after=tuple(f"{other:060}" for other in range(60)))
         one.consensus.submit(TaskSubmission(task=task), one.clock.now_ns())
-    for number in range(ENDS_MAX):
+    for number in range(consensus_messages.ENDS_MAX):
         one.consensus.known.done[f"{number:060}"] = TaskDone(id=f"{number:060}", robot="r" * 60, epoch=2**50)
-    largest = max(len(ROBOT_BALLOT.payloads.write(ballot)) for ballot in one.run(3.0))
-    assert 50_000 < largest < 0.8 * ROBOT_BALLOT.payloads.max_bytes
+    largest = max(len(consensus_messages.ROBOT_BALLOT.payloads.write(ballot)) for ballot in one.run(3.0))
+    assert 50_000 < largest < 0.8 * consensus_messages.ROBOT_BALLOT.payloads.max_bytes
 
 
 def test_a_task_is_not_ready_before_its_time_nor_at_its_deadline() -> None:

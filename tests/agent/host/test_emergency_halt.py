@@ -6,14 +6,8 @@ from robrain.protocol.messages.robots.host_messages import HOST_HALT, HOST_RESUM
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskOffer
-from robrain.protocol.messages.team.team_messages import (
-    COORDINATOR_HALT,
-    COORDINATOR_STATE,
-    HALT,
-    Halt,
-    HaltStatus,
-    TeamState,
-)
+from robrain.protocol.messages.team import team_messages
+from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 
@@ -63,7 +57,7 @@ def robot(bench):
     bench.code("unfinished", "import no_such_module")
     bench.manifest("unfinished", "unfinished:Unfinished")
     bench.start("a_roam", "arm", "unfinished")
-    bench.halts = bench.wire.publisher(HALT)
+    bench.halts = bench.wire.publisher(team_messages.HALT)
     bench.tick()
     diary(bench).clear()
     return bench
@@ -256,7 +250,7 @@ def team_state(stamp_ns, *, halted=True, by=("ann",)):
 
 @pytest.fixture
 def summaries(robot):
-    return robot.wire.publisher(COORDINATOR_STATE)
+    return robot.wire.publisher(team_messages.COORDINATOR_STATE)
 
 
 def test_a_robot_that_missed_a_halt_learns_of_it_from_the_coordinator(robot, summaries):
@@ -284,7 +278,7 @@ def test_the_coordinators_summary_resumes_nobody(robot, summaries):
 
 def test_a_robot_that_starts_during_a_halt_of_its_team_is_halted_before_its_first_step(robot):
     status = HaltStatus(halted=True, by=["ann"], stamp_ns=7)
-    robot.wire.answer(COORDINATOR_HALT, lambda _request: status)
+    robot.wire.answer(team_messages.COORDINATOR_HALT, lambda _request: status)
     robot.start("wheels", robot="r2")
     assert robot.infos("r2")["wheels"].state == "halted"
     steps = diary(robot).count("step wheels")

@@ -14,13 +14,8 @@ from robrain.agent.isolation.foreign_plugins import RETRY_NS, ForeignPlugins
 from robrain.agent.plugin import Level
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.plugin_messages import (
-    ROBOT_FOREIGN,
-    ROBOT_FOREIGN_CALL,
-    ROBOT_FOREIGN_INFO,
-    FunctionInfo,
-    PluginInfo,
-)
+from robrain.protocol.messages.robots import plugin_messages
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import listening_at, open_session
@@ -55,9 +50,9 @@ class Process:
         self.asked = []
         self._session = open_session(connect=connect)
         self._wire = Endpoint(self._session, "t", LiveClock(), Drive.LIVE)
-        self._wire.answer(ROBOT_FOREIGN_INFO, lambda request: told, robot="r1", plugin=name)
-        self._wire.answer(ROBOT_FOREIGN_CALL, self._call, serve=Serve.POOL, robot="r1", plugin=name)
-        self._wire.token(ROBOT_FOREIGN, robot="r1", plugin=name)
+        self._wire.answer(plugin_messages.ROBOT_FOREIGN_INFO, lambda request: told, robot="r1", plugin=name)
+        self._wire.answer(plugin_messages.ROBOT_FOREIGN_CALL, self._call, serve=Serve.POOL, robot="r1", plugin=name)
+        self._wire.token(plugin_messages.ROBOT_FOREIGN, robot="r1", plugin=name)
 
     def _call(self, request):
         self.asked.append(request.asked)
@@ -143,7 +138,7 @@ def test_silent_foreign_plugin_is_queried_again_only_after_a_pause(hub, monkeypa
     wire = Endpoint(hub, "t", clock, Drive.LIVE)
     monkeypatch.setattr(wire, "ask_into", lambda *_, **names: asked.append(names["plugin"]))
     foreign = ForeignPlugins(wire, "r3")
-    wire.token(ROBOT_FOREIGN, robot="r3", plugin="mute")
+    wire.token(plugin_messages.ROBOT_FOREIGN, robot="r3", plugin="mute")
     until(lambda: asked, step=foreign.follow)
     foreign.follow()
     assert asked == ["mute"]
@@ -304,10 +299,10 @@ def test_one_that_does_not_say_what_it_is_stays_out_with_the_reason(robot, caplo
 def test_one_that_answers_late_is_asked_again(robot):
     session = open_session(connect=robot.connect)
     wire = Endpoint(session, "t", LiveClock(), Drive.LIVE)
-    wire.token(ROBOT_FOREIGN, robot="r1", plugin="gauge")
+    wire.token(plugin_messages.ROBOT_FOREIGN, robot="r1", plugin="gauge")
     robot.until(lambda: "gauge" in robot.foreign._due_ns)
     assert robot.foreign.infos() == []
-    wire.answer(ROBOT_FOREIGN_INFO, lambda request: info(), robot="r1", plugin="gauge")
+    wire.answer(plugin_messages.ROBOT_FOREIGN_INFO, lambda request: info(), robot="r1", plugin="gauge")
     robot.until(lambda: "gauge" in robot.foreign)
     wire.close()
     session.close()

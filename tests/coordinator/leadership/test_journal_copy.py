@@ -18,13 +18,8 @@ from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS
-from robrain.protocol.messages.tasks.task_messages import (
-    TASK_CANCEL,
-    TASK_SUBMIT,
-    TaskFilter,
-    TaskRequest,
-    TaskSubmission,
-)
+from robrain.protocol.messages.tasks import task_messages
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
@@ -95,7 +90,7 @@ class Pair:
     def submit(self, name: str) -> bool:
         asked = TaskSubmission(task=Task(id=name, kind="visit", place=Point2D(1.0, 1.0)))
         try:
-            self.asker.ask(TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
+            self.asker.ask(task_messages.TASK_SUBMIT, asked, timeout_s=NOT_NOW_S)
         except (CallError, NobodyThere):
             return False
         self.acknowledged.append(name)
@@ -157,9 +152,9 @@ def test_a_cancellation_is_acknowledged_once_the_other_disk_has_it(pair: Pair) -
     pair.join()
     pair.run(1.0)
     with pytest.raises(CallError, match="no reply in time"):
-        pair.asker.ask(TASK_CANCEL, TaskRequest(id="t1"), timeout_s=NOT_NOW_S)
+        pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1"), timeout_s=NOT_NOW_S)
     pair.run(2 * TICK_S)
-    assert pair.asker.ask(TASK_CANCEL, TaskRequest(id="t1")) == pair.copy.find("t1")
+    assert pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1")) == pair.copy.find("t1")
 
 
 def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: Pair) -> None:

@@ -13,14 +13,8 @@ from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.plan_messages import (
-    COORDINATOR_CHARGES,
-    COORDINATOR_PLANNING,
-    TASK_DECISION,
-    TASK_PROBLEM,
-    PlannedCharge,
-    PlanningStatus,
-)
+from robrain.protocol.messages.tasks import plan_messages
+from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
@@ -51,7 +45,7 @@ def staff(team, socs, docks=1, *, dearer=1.0):
 
 
 def status(team):
-    return team.ask(COORDINATOR_PLANNING, None, PlanningStatus)
+    return team.ask(plan_messages.COORDINATOR_PLANNING, None, PlanningStatus)
 
 
 def all_done(team):
@@ -98,7 +92,7 @@ def test_four_robots_do_many_costly_visits_with_two_chargers_and_keep_their_rese
 
 def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(team):
     ears = Inbox(1000, every=True)
-    team.endpoint().subscribe(ears, TASK_PROBLEM)
+    team.endpoint().subscribe(ears, plan_messages.TASK_PROBLEM)
     (worker,) = staff(team, (0.102,))
     run(team, [worker], 1.0)
     team.submit(visit("t1", 8.5))
@@ -166,7 +160,7 @@ def test_a_robot_that_is_halted_while_it_charges_is_counted_on_no_more(team):
 @pytest.mark.slow
 def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_time(team):
     ears = Inbox(1000, every=True)
-    team.endpoint().subscribe(ears, COORDINATOR_CHARGES)
+    team.endpoint().subscribe(ears, plan_messages.COORDINATOR_CHARGES)
     workers = staff(team, (0.2, 0.1))
     assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
     run(team, workers, 12.0)  # the charger's power is known by now
@@ -270,7 +264,7 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
 
 def test_what_exploring_and_charging_will_take_is_told_before_it_is_done(team):
     ears = Inbox(1000, every=True)
-    team.endpoint().subscribe(ears, TASK_DECISION)
+    team.endpoint().subscribe(ears, plan_messages.TASK_DECISION)
     robot = team.robot("r1", 5.0)
     robot.plugins, robot.chargers = ["explore", "recharge"], [Point2D(7.0, 4.0)]
     worker = Worker(robot, remaining_j=0.9 * CAPACITY_J)

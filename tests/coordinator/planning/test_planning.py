@@ -8,14 +8,8 @@ from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.plan_messages import (
-    COORDINATOR_OBJECTIVE,
-    COORDINATOR_PLANNING,
-    TASK_DECISION,
-    TASK_PROBLEM,
-    ObjectiveRequest,
-    PlanningStatus,
-)
+from robrain.protocol.messages.tasks import plan_messages
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
@@ -31,8 +25,8 @@ class Ears:
     def __init__(self, team):
         self.decisions, self.problems = Inbox(10_000, every=True), Inbox(10_000, every=True)
         wire = team.endpoint()
-        wire.subscribe(self.decisions, TASK_DECISION)
-        wire.subscribe(self.problems, TASK_PROBLEM)
+        wire.subscribe(self.decisions, plan_messages.TASK_DECISION)
+        wire.subscribe(self.problems, plan_messages.TASK_PROBLEM)
 
     def decided(self):
         return [received.message for received in self.decisions.drain()]
@@ -189,15 +183,17 @@ def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
         team.submit(visit(f"t{number}", 3.6 + 0.3 * number, service_s=60.0))
     run(team, workers, 1.0)
     assert [len(robot.offers) for robot in robots] == [1, 0]  # least energy: one robot for all
-    status = team.ask(COORDINATOR_PLANNING, None, PlanningStatus)
+    status = team.ask(plan_messages.COORDINATOR_PLANNING, None, PlanningStatus)
     assert (status.objective, status.method, status.planned) == (Objective.ENERGY, "optimal", 3)
-    status = team.ask(COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=Objective.MAKESPAN, by="ann"), PlanningStatus)
+    status = team.ask(
+        plan_messages.COORDINATOR_OBJECTIVE, ObjectiveRequest(objective=Objective.MAKESPAN, by="ann"), PlanningStatus
+    )
     assert status.objective is Objective.MAKESPAN
     run(team, workers, 1.0)
     assert [len(robot.offers) for robot in robots] == [1, 1]
     assert ears.asked()[-1].objective is Objective.MAKESPAN
     with pytest.raises(CallError, match="ObjectiveRequest"):
-        team.asker.ask(COORDINATOR_OBJECTIVE, b'{"objective":"speed"}')
+        team.asker.ask(plan_messages.COORDINATOR_OBJECTIVE, b'{"objective":"speed"}')
 
 
 def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
@@ -237,7 +233,7 @@ def test_a_coordinator_that_plans_has_its_planner_prepared_and_closed_with_it(te
 def test_while_nothing_happens_a_plan_is_looked_at_again_after_a_while_and_not_before(team, refresh_s):
     team.begin(None, PlanningPolicy(refresh_s=refresh_s))
     heard = Inbox(1000, every=True)
-    team.endpoint().subscribe(heard, TASK_PROBLEM)
+    team.endpoint().subscribe(heard, plan_messages.TASK_PROBLEM)
     team.settle()
     team.submit(visit("at"))
     team.submit(visit("next", 5.0))

@@ -7,13 +7,8 @@ import numpy as np
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import (
-    ROBOT_OFFER,
-    ROBOT_WITHDRAW,
-    TaskAnswer,
-    TaskOffer,
-    TaskWithdrawal,
-)
+from robrain.protocol.messages.tasks import offer_messages
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.session import open_lockstep_session
@@ -116,12 +111,12 @@ class Errands(ArenaBench):
         """Offer a task as the coordinator does, for now or for after the one that the robot is at."""
         self._epoch += 1
         offer = TaskOffer(task=task, epoch=self._epoch, lease_s=5.0, after=after)
-        return self.wire.ask(ROBOT_OFFER, offer, robot=robot)
+        return self.wire.ask(offer_messages.ROBOT_OFFER, offer, robot=robot)
 
     def withdraw(self, task: str, robot: str = "r1") -> TaskAnswer:
         """Take a task back as the coordinator does."""
         withdrawal = TaskWithdrawal(id=task, epoch=self._epoch, why="changed our minds")
-        return self.wire.ask(ROBOT_WITHDRAW, withdrawal, robot=robot)
+        return self.wire.ask(offer_messages.ROBOT_WITHDRAW, withdrawal, robot=robot)
 
     def status(self, robot: str = "r1") -> TaskStatus:
         """How the robot stands to its last task."""

@@ -10,14 +10,8 @@ from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.team.arena_messages import (
-    ARENA_CAN,
-    ARENA_CLOCK,
-    ARENA_RADIO_RX,
-    ARENA_SCAN,
-    ARENA_TRUTH,
-    RobotTruth,
-)
+from robrain.protocol.messages.team import arena_messages
+from robrain.protocol.messages.team.arena_messages import RobotTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
@@ -68,7 +62,13 @@ class Stage:
         self.clock = VirtualClock()
         self.endpoint = Endpoint(self.session, "test", self.clock, Drive.LOCKSTEP)
         self.traffic = Inbox(1_000_000, every=True)
-        for topic in (ARENA_CAN, ARENA_SCAN, ARENA_RADIO_RX, ARENA_CLOCK, ARENA_TRUTH):
+        for topic in (
+            arena_messages.ARENA_CAN,
+            arena_messages.ARENA_SCAN,
+            arena_messages.ARENA_RADIO_RX,
+            arena_messages.ARENA_CLOCK,
+            arena_messages.ARENA_TRUTH,
+        ):
             self.endpoint.subscribe(self.traffic, topic)
         lidar = LidarSpec(noise_m=noise_m)
         robots = [
@@ -251,7 +251,11 @@ def test_everything_comes_at_its_rate_and_robots_take_turns_to_scan(stage):
     count = {topic: sum(one.topic.name == topic for one in received) for topic in ("arena_clock", "arena_truth")}
     assert count == {"arena_clock": 20, "arena_truth": 10}
     stamps = {
-        robot: [one.message.stamp_ns for one in received if one.topic is ARENA_SCAN and one.names["robot"] == robot]
+        robot: [
+            one.message.stamp_ns
+            for one in received
+            if one.topic is arena_messages.ARENA_SCAN and one.names["robot"] == robot
+        ]
         for robot in ("r1", "r2")
     }
     assert len(stamps["r1"]) == len(stamps["r2"]) == 10
@@ -270,7 +274,7 @@ def recorded(stage, *, seed: int, motes: int = 2) -> list[tuple[str, bytes]]:
     )
     one.run(250, r1=Twist2D(0.4, 0.1, 0.3), r2=Twist2D(0.4, 0.0, -0.5))
     return [
-        (key, payload[CAN_SENDER_BYTES:] if topic is ARENA_CAN else payload)
+        (key, payload[CAN_SENDER_BYTES:] if topic is arena_messages.ARENA_CAN else payload)
         for topic, key, payload in one.traffic.drain_raw()
     ]
 

@@ -9,24 +9,10 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots import plugin_messages, robot_messages
 from robrain.protocol.messages.robots.host_messages import HOST_HALT
-from robrain.protocol.messages.robots.plugin_messages import (
-    ROBOT_CALL,
-    ROBOT_LOG,
-    ROBOT_PLUGINS,
-    ROBOT_WHO,
-    FunctionInfo,
-    LogRecord,
-    PluginInfo,
-    ProcessInfo,
-)
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_ALIVE,
-    ROBOT_STATE,
-    BatteryState,
-    PluginFault,
-    RobotState,
-)
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginInfo, ProcessInfo
+from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -45,11 +31,13 @@ class EvilRobot:
     def __init__(self) -> None:
         self._session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
         self.wire = Endpoint(self._session, "default", LiveClock(), Drive.LIVE)
-        self.wire.token(ROBOT_ALIVE, robot="r1")
-        self.wire.answer(ROBOT_WHO, lambda _: ProcessInfo(host=EVIL, pid=1, zid=EVIL, version=EVIL), robot="r1")
+        self.wire.token(robot_messages.ROBOT_ALIVE, robot="r1")
+        self.wire.answer(
+            plugin_messages.ROBOT_WHO, lambda _: ProcessInfo(host=EVIL, pid=1, zid=EVIL, version=EVIL), robot="r1"
+        )
         self.wire.answer(ROBOT_OFFER, self._fail, robot="r1")
-        self.wire.answer(ROBOT_PLUGINS, lambda _: [self._plugin()], robot="r1")
-        self.wire.answer(ROBOT_CALL, self._fail, robot="r1", plugin="lamp", function="light")
+        self.wire.answer(plugin_messages.ROBOT_PLUGINS, lambda _: [self._plugin()], robot="r1")
+        self.wire.answer(plugin_messages.ROBOT_CALL, self._fail, robot="r1", plugin="lamp", function="light")
         self.wire.answer(HOST_HALT, self._fail, robot="r1")
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -66,7 +54,9 @@ class EvilRobot:
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _run(self) -> None:
-        state, log = (self.wire.publisher(topic, robot="r1") for topic in (ROBOT_STATE, ROBOT_LOG))
+        state, log = (
+            self.wire.publisher(topic, robot="r1") for topic in (robot_messages.ROBOT_STATE, plugin_messages.ROBOT_LOG)
+        )
         while not self._stop.wait(PERIOD_S):
             state.put(
                 RobotState(

@@ -13,16 +13,10 @@ from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.robots import plugin_messages
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, Outcome
 from robrain.protocol.messages.robots.host_messages import HOST_COMMAND
-from robrain.protocol.messages.robots.plugin_messages import (
-    ROBOT_CALL,
-    ROBOT_EVENT,
-    ROBOT_LOG_KEPT,
-    ROBOT_PLUGINS,
-    Event,
-    PluginInfo,
-)
+from robrain.protocol.messages.robots.plugin_messages import Event, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.session import open_session
@@ -82,11 +76,11 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
             finished.put(Event(robot="r1", plugin="drawer", event="finished", value=drawer.pulled))
             return [PluginInfo(name="drawer", level="unit", state="active", functions=known)]
 
-        finished = wire.publisher(ROBOT_EVENT, robot="r1", plugin="drawer", event="finished")
-        wire.answer(ROBOT_PLUGINS, plugins, robot="r1")
-        wire.answer(ROBOT_CALL, called, robot="r1", plugin="drawer")
+        finished = wire.publisher(plugin_messages.ROBOT_EVENT, robot="r1", plugin="drawer", event="finished")
+        wire.answer(plugin_messages.ROBOT_PLUGINS, plugins, robot="r1")
+        wire.answer(plugin_messages.ROBOT_CALL, called, robot="r1", plugin="drawer")
         LOGS.append(RobotLog(wire, "r1"))
-        wire.answer(ROBOT_LOG_KEPT, LOGS[0].kept, robot="r1")
+        wire.answer(plugin_messages.ROBOT_LOG_KEPT, LOGS[0].kept, robot="r1")
         yield commands
         wire.close()
     commands.stop_all()
