@@ -12,6 +12,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.gc_pause import GcPause
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.workers import OwnedThread
 
 PERIOD_S = 0.02
 """Longest time between two steps; messages are handled sooner."""
@@ -41,19 +42,18 @@ def run_coordinator(
     coordinator = Coordinator(wire, journal, policy, rules, elected)
     coordinator.team_map.hold()
     collector = None
-    loading = threading.Thread(target=_load, name="loading", daemon=True)
-    is_loading = False
+    loading: OwnedThread | None = None
     try:
         coordinator.step()
         on_ready()
         coordinator.planning.prepare()
         collector = GcPause()
-        loading.start()
+        loading = OwnedThread("loading", _load)
         is_loading = True
         while not should_stop() and not coordinator.end_reason:
             arrived.clear()
             began_s = time.thread_time()  # of the CPU: to wait for the disk is no reason to rest
-            if is_loading and not loading.is_alive():
+            if is_loading and not loading.is_alive:
                 is_loading = False
                 coordinator.merge_held_patches()
             coordinator.step()
@@ -64,8 +64,8 @@ def run_coordinator(
         if collector is not None:
             collector.release()
         coordinator.close()
-        if is_loading:
-            loading.join(JOIN_S)  # it may be amid code that does not bear the interpreter's end
+        if loading is not None:
+            loading.close(JOIN_S)  # it may be amid code that does not bear the interpreter's end
     return coordinator.end_reason
 
 

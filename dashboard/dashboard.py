@@ -16,6 +16,7 @@ from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.live_source import LiveSource
 from robrain.dashboard.state.parts import parts_of, topics_of_parts
 from robrain.dashboard.state.shown_team import ShownTeam
+from robrain.protocol.clock import steps
 from robrain.protocol.wire.endpoint import Endpoint
 
 if TYPE_CHECKING:  # loads the comparison of recordings
@@ -203,9 +204,7 @@ def run_dashboard(
     dashboard = Dashboard(team, host=host, port=port, forks=forks)
     try:
         on_ready(dashboard.url)
-        while not should_stop():
-            started_s = time.monotonic()
-            dashboard.step(started_s)
-            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - started_s)))
+        for _ in steps(should_stop, PERIOD_S):
+            dashboard.step(time.monotonic())
     finally:
         dashboard.close()

@@ -1,7 +1,7 @@
 """Time, passed in: a monotonic clock in live runs, the runner's in lockstep."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from typing import Protocol
 
@@ -60,6 +60,14 @@ class VirtualClock:
         if now_ns < self._now_ns[0]:
             raise ValueError(f"time would run backwards: {now_ns} ns after {self._now_ns[0]} ns")
         self._now_ns[0] = now_ns
+
+
+def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
+    """The steps of a live loop: one a period until `should_stop()`. A step that takes longer delays the next."""
+    while not should_stop():
+        began_s = time.monotonic()
+        yield
+        time.sleep(max(period_s - (time.monotonic() - began_s), 0.0))
 
 
 def to_seconds(duration_ns: int) -> float:

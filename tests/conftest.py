@@ -8,8 +8,10 @@ Each test process has its own hub endpoint, at which nobody listens, so that no 
 """
 
 import gc
+import logging
 import os
 import signal
+import threading
 from collections.abc import Iterator
 
 import pytest
@@ -20,6 +22,7 @@ from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE, HUB_VARIABLE
 from robrain.protocol.wire.session import open_lockstep_session, open_session
+from robrain.protocol.workers import OwnedThread
 from tests.own_hub import OwnHub
 from tests.real_maps import WHY_NOT
 
@@ -30,6 +33,18 @@ settings.load_profile("robrain")
 
 # A shell starts what runs in the background with SIGINT ignored, and children inherit that: Ctrl-C could not be tested.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class ThreadFailures(logging.Handler):
+    """Reports an error of an owned thread to pytest, which fails the test."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Report it."""
+        if record.exc_info:
+            threading.excepthook(threading.ExceptHookArgs((*record.exc_info, threading.current_thread())))
+
+
+logging.getLogger(OwnedThread.__module__).addHandler(ThreadFailures())
 
 _HUB = OwnHub()
 os.environ.pop(CONNECT_VARIABLE, None)

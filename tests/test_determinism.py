@@ -54,8 +54,8 @@ CLOCKS = {
     "plugins/unit/program.py": "refused in lockstep",
     "plugins/unit/tcp_socket.py": "refused in lockstep",
     "protocol/wire/hub.py": "tries what a router lets through, in live",
-    "protocol/answers/answering.py": "answers on threads, in live",
     "protocol/clock.py": "the live drive's clock",
+    "protocol/workers.py": "limits the time for the end of threads, in live",
     "sim/lockstep/pacing.py": "slows a run down for who watches, and tells how long it took",
 }
 """Files that import `time`, and why no run in lockstep depends on it."""

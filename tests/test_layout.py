@@ -24,6 +24,16 @@ MAX_LINES = 600
 MAY_GROW = ("docs/reference/scenarios.md", "docs/reference/topics.md", "CHANGELOG.md")
 """As long as the tables that they are printed from."""
 SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
+ONE_MECHANISM = {
+    r"\bThread\(": "protocol/workers.py",
+    r"\bPopen\(|os\.fork\(": "protocol/workers.py",
+    r"\bThreadPoolExecutor\(": "dashboard/server/asker.py deploy/ros2/gateway_process.py",
+    r"class \w*Backoff\b": "protocol/backoff.py",
+    # Others wait for a message or for the next step, catch up after a pause of the machine, or have terms as leader.
+    r"while not should_stop\(\)": "agent/host/live_drive.py coordinator/live.py deploy/processes/arena_process.py "
+    "deploy/processes/coordinator_process.py protocol/clock.py",
+}
+"""The files that may use a mechanism, by its expression."""
 
 
 def _own_files(*suffixes: str) -> list[Path]:
@@ -69,6 +79,12 @@ def test_no_file_is_too_long() -> None:
 def test_no_module_imports_itself_by_way_of_others() -> None:
     circles = {" → ".join(circle) for circle in _circles(_imports_of_modules())}
     assert circles == set()
+
+
+def test_each_mechanism_is_in_its_file_alone() -> None:
+    texts = {_name_of(path): path.read_text() for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
+    used = {word: " ".join(sorted(name for name in texts if re.search(word, texts[name]))) for word in ONE_MECHANISM}
+    assert used == ONE_MECHANISM
 
 
 def test_import_that_is_local_or_for_types_alone_closes_a_circle() -> None:

@@ -5,8 +5,6 @@ def test_gauge_reads_a_temperature():
         assert 19.0 < bench.call("read") < 21.0
 """
 
-import os
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -23,6 +21,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL,
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.workers import ProcessGroup
 
 T = TypeVar("T")
 
@@ -44,7 +43,7 @@ class ForeignBench:
     def __init__(self, command: Sequence[str | Path], *, plugin: str, robot: str = "r1") -> None:
         self.plugin = plugin
         self.robot = robot
-        self.process: subprocess.Popen[bytes]
+        self.process: ProcessGroup
         """The process, while the block lasts."""
         self._command = command
         self._open = ExitStack()
@@ -58,9 +57,9 @@ class ForeignBench:
             self._wire = Endpoint(hub, DEFAULT_TEAM, LiveClock(), Drive.LIVE)
             opening.callback(self._wire.close)
             self._plugins = ForeignPlugins(self._wire, self.robot)
-            environment = {**os.environ, CONNECT_VARIABLE: ",".join(listening_at(hub))}
-            self.process = subprocess.Popen(list(self._command), env=environment)
-            opening.callback(self._end)
+            environment = {CONNECT_VARIABLE: ",".join(listening_at(hub))}
+            self.process = ProcessGroup(self._command, environment=environment)
+            opening.callback(self.process.kill)
             self._until(lambda: self.plugin in self._plugins, "has not announced its plugin")
             self._open = opening.pop_all()
         return self
@@ -113,7 +112,7 @@ class ForeignBench:
 
     def kill(self) -> None:
         """Kill the process and wait until the robot has noticed."""
-        self._end()
+        self.process.kill()
         self._until(lambda: self.plugin not in self._plugins, "is still listed")
 
     def _until(self, is_so: Callable[[], bool], trouble: str) -> None:
@@ -123,10 +122,6 @@ class ForeignBench:
                 raise TimeoutError(f"{self.plugin} of {self.robot} {trouble} after {PATIENCE_S:g} s")
             self._plugins.follow()
             time.sleep(POLL_S)
-
-    def _end(self) -> None:
-        self.process.kill()
-        self.process.wait()
 
 
 def _json(arguments: object) -> bytes:

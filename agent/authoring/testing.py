@@ -27,6 +27,7 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.workers import OwnedThread
 
 ROBOT = "r1"
 TICK_S = 0.02
@@ -179,13 +180,12 @@ class PluginBench:
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
         done, hung = threading.Event(), list[PluginHung]()
-        watch = threading.Thread(target=self._watch, args=(threading.get_ident(), done, hung), daemon=True)
-        watch.start()
+        watch = OwnedThread("hang-watch", self._watch, threading.get_ident(), done, hung)
         try:
             yield
         finally:
             done.set()
-            watch.join()
+            watch.close()
             if hung:
                 raise hung[0]
 

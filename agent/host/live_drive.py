@@ -13,6 +13,7 @@ from functools import partial
 from robrain.agent.errors import FOREIGN_ERRORS, PluginError
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.protocol.workers import OwnedThread, close_threads
 
 HOST_PERIOD_S = 0.02
 SPARE = 2
@@ -86,7 +87,7 @@ class PluginThreads:
         self._host = host
         self._members: dict[tuple[str, int, int], DrivenPlugin] = {}
         self._changed = threading.Condition()
-        self._threads: set[threading.Thread] = set()
+        self._threads: list[OwnedThread] = []
         self._waiting = self._begun = 0
         self._watches: list[float] = []
         """Times at which waiting threads wake by themselves; the others sleep until they are notified."""
@@ -119,10 +120,7 @@ class PluginThreads:
                 member.plugin.mailbox.wake = None
             self._members.clear()
             self._changed.notify_all()
-            threads = list(self._threads)
-        deadline_s = time.monotonic() + JOIN_TIMEOUT_S
-        for thread in threads:
-            thread.join(max(deadline_s - time.monotonic(), 0.0))
+        close_threads(self._threads, JOIN_TIMEOUT_S)
 
     def _want(self, member: DrivenPlugin) -> None:
         if member.is_wanted:
@@ -134,9 +132,8 @@ class PluginThreads:
 
     def _begin(self) -> None:
         self._begun += 1
-        thread = threading.Thread(target=self._run, name=f"plugin-thread-{self._begun}", daemon=True)
-        self._threads.add(thread)
-        thread.start()
+        thread = OwnedThread(f"plugin-thread-{self._begun}", self._run)
+        self._threads = [*(each for each in self._threads if each.is_alive), thread]
 
     def _run(self) -> None:
         thread = threading.current_thread()
@@ -152,7 +149,6 @@ class PluginThreads:
                 member.is_busy = False
             if member.has_gone:
                 break  # it may have hung in there, and has been replaced
-        self._threads.discard(thread)
 
     def _wait_for_turn(self) -> DrivenPlugin | None:
         """Wait for a plugin whose turn is due; None if this thread is to end."""

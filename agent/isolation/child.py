@@ -1,7 +1,6 @@
 """`python -m robrain.agent.isolation.child`: the process of one isolated plugin. Started by ChildProcess."""
 
 import faulthandler
-import fcntl
 import logging
 import os
 import resource
@@ -39,6 +38,7 @@ from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Handler, Serve
 from robrain.protocol.wire.endpoint import Request as WireRequest
 from robrain.protocol.wire.session import open_session
+from robrain.protocol.workers import OwnedThread, end_with_parent
 
 BYTES_PER_MB = 1_000_000
 
@@ -243,7 +243,7 @@ class PluginChild:
 
     def run(self) -> None:
         """Serve until the parent hangs up."""
-        threading.Thread(target=self._halts.run, name="halts", daemon=True).start()
+        OwnedThread("halts", self._halts.run)  # it ends with the process
         self._calls.run()
         if self._env is not None:
             self._env.close()
@@ -317,17 +317,6 @@ class _Straight(Mailbox):
         return True
 
 
-def _end_with_parent(lifeline: int) -> None:
-    """Have the kernel end this process when the parent's end of the pipe is closed, in any state of Python."""
-    fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
-    try:
-        os.read(lifeline, 1)
-    except BlockingIOError:
-        return
-    sys.exit(0)  # it was closed before
-
-
 def _die_first() -> None:
     """If the machine runs out of memory, this process is to go, not the robot's."""
     Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
@@ -339,7 +328,7 @@ def main() -> None:
     calls, halts, asides, lifeline = (int(argument) for argument in sys.argv[2:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C in the terminal reaches the parent, which ends this one
     faulthandler.enable()
-    _end_with_parent(lifeline)
+    end_with_parent(lifeline)
     _die_first()
     PluginChild(name, *(socket.socket(fileno=number) for number in (calls, halts, asides))).run()
     os._exit(0)  # threads that the plugin has started do not hold up the end

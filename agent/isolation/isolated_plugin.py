@@ -11,11 +11,8 @@ import functools
 import importlib
 import inspect
 import logging
-import os
-import socket
 import subprocess
 import sys
-import threading
 import weakref
 from collections.abc import Callable
 from functools import partial
@@ -31,11 +28,11 @@ from robrain.agent.isolation import messages
 from robrain.agent.isolation.contract import Contract, contract_of, decoder, encode
 from robrain.agent.isolation.messages import Request
 from robrain.agent.isolation.peer import Peer, PeerLate, PeerLost, Serve
-from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
 from robrain.protocol.clock import LiveClock
+from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
 
 logger = logging.getLogger(__name__)
 
@@ -80,47 +77,33 @@ class ChildProcess:
         self._plugin = plugin
         self._on_lost = on_lost
         self._is_ending = False
-        pairs = [socket.socketpair() for _ in range(3)]
-        lifeline, self._lifeline = os.pipe()
-        theirs = [connection.fileno() for _, connection in pairs] + [lifeline]
-        try:
-            command = [sys.executable, "-m", "robrain.agent.isolation.child", plugin, *map(str, theirs)]
-            self._group = ProcessGroup(command, stdout=STDERR, keep=theirs)
-        except BaseException:
-            os.close(self._lifeline)
-            for connection, _ in pairs:
-                connection.close()
-            raise
-        finally:
-            os.close(lifeline)
-            for _, connection in pairs:
-                connection.close()
-        self.calls, self.halts, self._asides = (Peer(connection, plugin, serve) for connection, _ in pairs)
-        self._watcher = threading.Thread(target=self._watch, name=f"isolated-{plugin}", daemon=True)
-        self._watcher.start()
+        self._group = WorkerProcess("robrain.agent.isolation.child", [plugin], sockets=3, stdout=STDERR)
+        self.calls, self.halts, self._asides = (Peer(one, plugin, serve) for one in self._group.sockets)
+        self._watcher = OwnedThread(f"isolated-{plugin}", self._watch)
 
     @property
     def pid(self) -> int:
         """Its process id."""
-        return self._group.process.pid
+        return self._group.pid
 
     def end(self) -> None:
         """Let it end, or kill it if it does not; returns when it has gone. May be called again."""
         self._is_ending = True
         for peer in (self.calls, self.halts, self._asides):
             peer.hang_up()
-        self._group.wait(END_TIMEOUT_S)
-        self._give_back()
+        self._group.ends_within(END_TIMEOUT_S)
+        self.kill()
 
     def kill(self) -> None:
         """End it at once."""
         self._is_ending = True
         self._give_back()
+        self._watcher.close(END_TIMEOUT_S)
 
     def how_it_ended(self) -> str:
         """Why a connection was lost, in words; a process that has only hung up is killed."""
         self._is_ending = True
-        self._group.wait(END_TIMEOUT_S)
+        self._group.ends_within(END_TIMEOUT_S)
         self._give_back()
         return self._status()
 
@@ -133,11 +116,6 @@ class ChildProcess:
         self.calls.close()
         self.halts.close()
         self._asides.hang_up()
-        lifeline, self._lifeline = self._lifeline, -1
-        if lifeline >= 0:
-            os.close(lifeline)
-        if threading.current_thread() is not self._watcher:
-            self._watcher.join(END_TIMEOUT_S)
 
     def _watch(self) -> None:
         self._asides.run()

@@ -10,6 +10,7 @@ from functools import partial
 from queue import Empty, SimpleQueue
 
 from robrain.agent.errors import FOREIGN_ERRORS
+from robrain.protocol.workers import OwnedThread, close_threads
 
 Call = Callable[[], object]
 
@@ -39,7 +40,7 @@ class WorkerPool:
         self._counting = threading.Lock()
         self._free = self._begun = 0
         """Threads without a call; below 0, calls without a thread."""
-        self._threads: list[threading.Thread] = []
+        self._threads: list[OwnedThread] = []
 
     def stand_by(self, count: int) -> None:
         """Have at least `count` free threads."""
@@ -84,9 +85,7 @@ class WorkerPool:
         """End the threads; those that hang are abandoned."""
         for _ in self._threads:
             self._jobs.put(None)
-        deadline_s = time.monotonic() + self._limit_s
-        for thread in self._threads:
-            thread.join(max(deadline_s - time.monotonic(), 0.0))
+        close_threads(self._threads, self._limit_s)
 
     def _put(self, call: Call, *, at_once: bool) -> None:
         with self._counting:
@@ -99,9 +98,8 @@ class WorkerPool:
         for _ in range(count):
             self._free += 1
             self._begun += 1
-            thread = threading.Thread(target=self._work, name=f"{self._name}-{self._begun}", daemon=True)
-            self._threads = [*(each for each in self._threads if each.is_alive()), thread]
-            thread.start()
+            thread = OwnedThread(f"{self._name}-{self._begun}", self._work)
+            self._threads = [*(each for each in self._threads if each.is_alive), thread]
 
     def _work(self) -> None:
         while (call := self._next()) is not None:

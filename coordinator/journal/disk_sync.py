@@ -3,10 +3,11 @@
 import errno
 import logging
 import os
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
+
+from robrain.protocol.workers import OwnedThread
 
 logger = logging.getLogger(__name__)
 
@@ -32,20 +33,19 @@ class DiskSync:
         self._sync = sync
         self._file: int | None = None
         self._waiting: SimpleQueue[OnSynced | None] = SimpleQueue()
-        self._thread: threading.Thread | None = None
+        self._thread: OwnedThread | None = None
 
     def after(self, on_synced: OnSynced) -> None:
         """Call `on_synced` on this object's thread, once all contents of the file are on the disk, or cannot be."""
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="journal-sync", daemon=True)
-            self._thread.start()
+            self._thread = OwnedThread("journal-sync", self._run)
         self._waiting.put(on_synced)
 
     def close(self) -> None:
         """Wait until all callbacks have returned, then release the file."""
         if self._thread is not None:
             self._waiting.put(None)
-            self._thread.join()
+            self._thread.close()
             self._thread = None
         if self._file is not None:
             os.close(self._file)

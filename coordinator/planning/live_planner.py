@@ -5,18 +5,14 @@ started and gets the last request again; meanwhile the coordinator follows its p
 """
 
 import logging
-import os
 import pickle
-import signal
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from typing import NamedTuple
 
 import msgspec
@@ -25,6 +21,7 @@ from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import Snapshot
 from robrain.protocol.backoff import Backoff
+from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
 
 MODULE = "robrain.coordinator.planning.worker_main"
 EXIT_S = 20.0
@@ -96,9 +93,6 @@ def _exactly(connection: socket.socket, size: int) -> bytes:
 class PlannerProcess:
     """Starts the process.
 
-    Besides its two connections it holds the other end of a pipe. When this process ends for any reason, the kernel
-    kills the planning process.
-
     Args:
         on_reply: called with each message of the process, on a separate thread.
         on_lost: called on that thread when the process has ended.
@@ -113,29 +107,9 @@ class PlannerProcess:
         """Whether the process has ended or sent an invalid message."""
         self._on_reply = on_reply
         self._on_lost = on_lost
-        self._requests, their_requests = socket.socketpair()
-        self._replies, their_replies = socket.socketpair()
-        lifeline, self._lifeline = os.pipe()
-        theirs = (their_requests.fileno(), their_replies.fileno(), lifeline)
-        try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", MODULE, *map(str, theirs)],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                pass_fds=theirs,
-                start_new_session=True,  # a Ctrl-C in the terminal reaches the coordinator, which ends this one
-            )
-        except BaseException:  # also Ctrl-C: the open ends must not leak
-            os.close(self._lifeline)
-            self._requests.close()
-            self._replies.close()
-            raise
-        finally:
-            os.close(lifeline)
-            their_requests.close()
-            their_replies.close()
-        self._reader = threading.Thread(target=self._read, name="planner-replies", daemon=True)
-        self._reader.start()
+        self._process = WorkerProcess(MODULE, [], sockets=2, stdout=subprocess.DEVNULL)
+        self._requests, self._replies = self._process.sockets
+        self._reader = OwnedThread("planner-replies", self._read)
 
     @property
     def pid(self) -> int:
@@ -159,17 +133,14 @@ class PlannerProcess:
 
     def end(self) -> str:
         """End it and free its resources; returns, in words, how it ended if it did so by itself."""
-        status = self._process.poll()
-        if status is None and self.is_lost:  # it is about to
-            with suppress(subprocess.TimeoutExpired):
-                status = self._process.wait(EXIT_S)
+        if self.is_lost:  # it is about to
+            self._process.ends_within(EXIT_S)
+        status = self._process.status
         self._process.kill()
-        self._process.wait()
-        self._reader.join(EXIT_S)  # the process has ended
+        self._reader.close(EXIT_S)  # the process has ended
         self._requests.close()
         self._replies.close()
-        os.close(self._lifeline)
-        return "" if status is None else _in_words(status)
+        return "" if status is None else how_it_ended(status)
 
     def _read(self) -> None:
         try:
@@ -181,12 +152,6 @@ class PlannerProcess:
             logger.exception("the planner's process has sent an invalid message")
         self.is_lost = True
         self._on_lost()
-
-
-def _in_words(status: int) -> str:
-    if status >= 0:
-        return f"has ended with status {status}"
-    return f"was ended by {signal.Signals(-status).name}"
 
 
 logger = logging.getLogger(__name__)
@@ -232,7 +197,7 @@ class LivePlanner:
         self._wake = threading.Event()
         self._has_ended = threading.Event()
         self._process: PlannerProcess | None = None
-        self._keeper: threading.Thread | None = None
+        self._keeper: OwnedThread | None = None
 
     @property
     def pid(self) -> int | None:
@@ -243,8 +208,7 @@ class LivePlanner:
     def prepare(self) -> None:
         """Prepare for the first request: start the process, unless it has started."""
         if self._keeper is None and not self._has_ended.is_set():
-            self._keeper = threading.Thread(target=self._keep, name="planner", daemon=True)
-            self._keeper.start()
+            self._keeper = OwnedThread("planner", self._keep)
 
     def ask(self, snapshot: Snapshot, policy: PlanningPolicy) -> None:
         """Request a plan; replaces a waiting request."""
@@ -270,7 +234,7 @@ class LivePlanner:
         if process is not None:
             process.kill()  # it holds no state, and may be searching
         if self._keeper is not None:
-            self._keeper.join(JOIN_S)
+            self._keeper.close(JOIN_S)
 
     # -- on the keeper's thread -----------------------------------------------------------------------------
 

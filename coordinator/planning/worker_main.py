@@ -4,7 +4,6 @@ It has lower priority than the coordinator and ends with it in every case. One t
 search it checks for a new request.
 """
 
-import fcntl
 import logging
 import os
 import pickle
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from robrain.coordinator.planning.live_planner import Done, Made, PlanFailed, PlanRequest, Ready, Reply, receive, send
+from robrain.protocol.workers import end_with_parent
 
 if TYPE_CHECKING:
     from robrain.coordinator.planning.plan_search import PlanSearch
@@ -32,7 +32,7 @@ def main() -> None:
     """Serve requests until the coordinator disconnects; the arguments are three file descriptors."""
     requests, replies, lifeline = (int(argument) for argument in sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the coordinator ends this process
-    _end_with_parent(lifeline)
+    end_with_parent(lifeline)
     os.nice(NICENESS)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     _serve(socket.socket(fileno=requests), socket.socket(fileno=replies))
@@ -82,18 +82,6 @@ def _answer(
     better = draft.planned(time.monotonic() - begun_s)
     if better.problem.routes != first.problem.routes:
         reply(Made(better))
-
-
-def _end_with_parent(lifeline: int) -> None:
-    """Have the kernel kill this process, even a stopped one, when the parent's end of the pipe is closed."""
-    fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(lifeline, fcntl.F_SETSIG, signal.SIGKILL)
-    fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
-    try:
-        os.read(lifeline, 1)
-    except BlockingIOError:
-        return
-    sys.exit(0)  # it was closed before
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from robrain.coordinator.tasks.admission import capability_refusal, needed_plugi
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.protocol.backoff import backoff_s
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
@@ -38,8 +39,9 @@ from robrain.protocol.reasons import (
 
 FIRST_PAUSE_S = 2.0
 LONGEST_PAUSE_S = 60.0
+LONGEST_AFTER = 6
 """Longest pause. Each refusal doubles the pause up to this (chosen). Maps grow and batteries charge, but a task that is
-impossible must not be offered all the time."""
+impossible must not be offered all the time. Six refusals lead to it."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
 PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, StoodStill)
@@ -61,12 +63,13 @@ NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 class _Avoided(NamedTuple):
     until_ns: int
-    pause_s: float
+    refusals: int
+    """With passing ones."""
     times: int
     reason: RobotReason
 
 
-class TaskBackoff:
+class TaskPauses:
     """Remembers refusals and failures for each task and robot; drops the oldest beyond a limit."""
 
     def __init__(self) -> None:
@@ -92,14 +95,15 @@ class TaskBackoff:
 
         """
         before = self._avoided.pop((task_id, robot), None)
-        pause_s = FIRST_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_PAUSE_S)
+        refusals = 1 if before is None else before.refusals + 1
         if isinstance(reason, OutOfReach):
-            pause_s = LONGEST_PAUSE_S
+            refusals = max(refusals, LONGEST_AFTER)
         is_passing = isinstance(reason, Refused) and (
             isinstance(reason.because, PASSING) or _is_enough_once_charged(reason.because, battery)
         )
         times = (0 if before is None else before.times) + (not is_passing)
-        self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), pause_s, times, reason)
+        pause_s = backoff_s(refusals, FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), refusals, times, reason)
         if len(self._avoided) > KEPT:
             del self._avoided[next(iter(self._avoided))]
 
@@ -129,7 +133,7 @@ def _is_enough_once_charged(refusal: OfferRefusal, battery: BatteryState | None)
 
 class _Pause(NamedTuple):
     until_ns: int
-    pause_s: float
+    times: int
     reason: RobotReason
 
 
@@ -174,8 +178,9 @@ class RobotPauses:
 
 def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns: int) -> None:
     before = pauses.get(robot)
-    pause_s = FIRST_ROBOT_PAUSE_S if before is None else min(2.0 * before.pause_s, LONGEST_ROBOT_PAUSE_S)
-    pauses[robot] = _Pause(now_ns + to_ns(pause_s), pause_s, reason)
+    times = 1 if before is None else before.times + 1
+    pause_s = backoff_s(times, FIRST_ROBOT_PAUSE_S, LONGEST_ROBOT_PAUSE_S)
+    pauses[robot] = _Pause(now_ns + to_ns(pause_s), times, reason)
 
 
 def _reason(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
@@ -239,7 +244,7 @@ class Eligibility:
     """
 
     def __init__(
-        self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: TaskBackoff, gate: TaskGate
+        self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: TaskPauses, gate: TaskGate
     ) -> None:
         self._book, self._roster, self._capabilities = book, roster, capabilities
         self._backoff = backoff

@@ -16,7 +16,7 @@ import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.tasks.admission import dependency_refusal, reason_of
-from robrain.coordinator.tasks.eligibility import Eligibility, TaskBackoff, TaskGate
+from robrain.coordinator.tasks.eligibility import Eligibility, TaskGate, TaskPauses
 from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
@@ -163,7 +163,7 @@ class TaskLifecycle:
         self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities, gate: TaskGate
     ) -> None:
         self.wire, self.book, self.roster, self.capabilities = wire, book, roster, capabilities
-        self.backoff = TaskBackoff()
+        self.backoff = TaskPauses()
         self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate)
         self._offers = Offers(wire, LEASE_S)
         self._ahead: dict[str, tuple[str, str]] = {}

@@ -18,6 +18,7 @@ from robrain.protocol.errors import RobrainError
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Twist2D
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.workers import OwnedThread
 
 HELD_S = 0.1
 """A button counts as released when its last hold event is older than this: a browser that hangs sends none."""
@@ -60,7 +61,7 @@ class HandPilot:
 
     def start(self) -> None:
         """Follow the buttons from now on."""
-        threading.Thread(target=self._run, name=f"hand-{self.robot}", daemon=True).start()
+        OwnedThread(f"hand-{self.robot}", self._run)  # `end` ends it
 
     def press(self, button: str, velocity: Twist2D, now_s: float) -> None:
         """A button is held; called repeatedly while it is.

@@ -2,7 +2,6 @@
 
 import contextlib
 import sys
-import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE
 from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint
+from robrain.protocol.workers import OwnedThread
 from robrain.recording.drawing.drawn_map import ComposedMap
 
 MERGER = "robrain.algorithms.slam.map_patch"
@@ -31,13 +31,13 @@ class MapLoading:
         """Patches that were too many to be held."""
         self._held: deque[Received] = deque(maxlen=HELD_PATCHES)
         self._is_over = MERGER in sys.modules
-        self._thread: threading.Thread | None = None
+        self._thread: OwnedThread | None = None
 
     def let_through(self, received: Iterable[Received]) -> Iterable[Received]:
         """The messages that can be processed now: no patches while it loads, then first those that were held."""
         if self._is_over:
             return received
-        if self._thread is not None and not self._thread.is_alive():
+        if self._thread is not None and not self._thread.is_alive:
             self._is_over = True
             held, self._held = self._held, deque()
             return [*held, *received]
@@ -50,14 +50,13 @@ class MapLoading:
     def close(self) -> None:
         """Wait for the thread: native code that it runs must not be cut off when the interpreter ends."""
         if self._thread is not None:
-            self._thread.join(JOIN_S)
+            self._thread.close(JOIN_S)
 
     def _hold(self, received: Received) -> bool:
         if received.topic is not ROBOT_MAP:
             return False
         if self._thread is None:
-            self._thread = threading.Thread(target=load, args=(received.message,), name="loading", daemon=True)
-            self._thread.start()
+            self._thread = OwnedThread("loading", load, received.message)
         self.dropped += len(self._held) == HELD_PATCHES
         self._held.append(received)
         return True

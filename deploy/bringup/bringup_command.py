@@ -28,6 +28,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, RobrainError
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import may_answer, open_lockstep_session, open_session
+from robrain.protocol.workers import OwnedThread
 
 CLOSE_S = 5.0
 POLL_S = 0.01
@@ -44,7 +45,7 @@ class LiveBench(Bench):
 
     def __init__(self, session: zenoh.Session, base: Path) -> None:
         self._session, self._base = session, base
-        self._thread: threading.Thread | None = None
+        self._thread: OwnedThread | None = None
         self._stop = threading.Event()
         self._failed: RobrainError | None = None
 
@@ -56,8 +57,7 @@ class LiveBench(Bench):
         own = bench_file(robot_file, self._base, with_lidar=with_lidar, with_imu=with_imu)
         self.host = AgentHost(own, self._base, self._session, LiveClock(), Drive.LIVE)
         ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(self.host, self._stop, ready), name="bringup-host")
-        self._thread.start()
+        self._thread = OwnedThread("bringup-host", self._run, self.host, self._stop, ready)
         began_s = time.monotonic()
         while not ready.wait(POLL_S):
             self._check()
@@ -75,7 +75,7 @@ class LiveBench(Bench):
         thread, self._thread = self._thread, None
         self._stop.set()
         if thread is not None:
-            thread.join(CLOSE_S)
+            thread.close(CLOSE_S)
 
     def _run(self, host: AgentHost, stop: threading.Event, ready: threading.Event) -> None:
         try:
@@ -87,7 +87,7 @@ class LiveBench(Bench):
     def _check(self) -> None:
         if self._failed is not None:
             raise self._failed
-        if self._thread is not None and not self._thread.is_alive():
+        if self._thread is not None and not self._thread.is_alive:
             raise DeviceAbsent("the host of the devices has ended")
 
 

@@ -9,10 +9,11 @@ import zenoh
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import PkiError
 from robrain.deploy.pki.issuing import MEMBERS_FILE, read_members
-from robrain.deploy.processes.live_process import LiveStop, steps
+from robrain.deploy.processes.live_process import LiveStop
 from robrain.protocol.access.identity import CERTIFICATE, Identity, check_private, read_identity, tls_folder
 from robrain.protocol.access.member import MemberRole
 from robrain.protocol.access.rules import access_control
+from robrain.protocol.clock import steps
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.wire.session import check_endpoint, is_loopback, is_secured, listening_at, open_session
 

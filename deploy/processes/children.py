@@ -1,27 +1,24 @@
 """Child processes: started with their parent's endpoint and stopped with their parent, and their output for it."""
 
 import os
-import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import IO, Self
 from urllib.parse import urlsplit
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.live_process import LIFELINE_VARIABLE, PARENT_VARIABLE, LifelineEnd
+from robrain.protocol.workers import END_S, KILLED_S, OwnedThread, ProcessGroup
 
-STOP_TIMEOUT_S = 5.0
 COMMANDS = "robrain.cli"
 KEPT_LINES = 200
 
 
-class Child:
+class Child(ProcessGroup):
     """One process of this Python: of `robrain`, or of another module.
 
     Its last 200 lines of output are kept; each line is passed to `on_line`.
@@ -49,34 +46,18 @@ class Child:
         passed = {} if lifeline is None else {LIFELINE_VARIABLE: str(lifeline.pass_on)}
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._on_line = on_line
-        self._process = subprocess.Popen(
+        super().__init__(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.DEVNULL if is_command else subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT if is_command else subprocess.DEVNULL,
-            text=True,
-            errors="replace",
-            env={**os.environ, PARENT_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1", **passed},
-            pass_fds=() if lifeline is None else (lifeline.pass_on,),
-            start_new_session=True,  # a Ctrl-C in the terminal reaches the parent, which stops the children in order
+            environment={PARENT_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1", **passed},
+            keep=() if lifeline is None else (lifeline.pass_on,),
         )
         if lifeline is not None:
             lifeline.passed()
-        assert self._process.stdout is not None
-        self._reader = threading.Thread(
-            target=self._read, args=(self._process.stdout,), name=f"output-{name}", daemon=True
-        )
-        self._reader.start()
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
-    @property
-    def exit_status(self) -> int | None:
-        """None while it runs."""
-        return self._process.poll()
+        assert self.process.stdout is not None
+        self._reader = OwnedThread(f"output-{name}", self._read, self.process.stdout)
 
     @property
     def last_line(self) -> str:
@@ -84,46 +65,18 @@ class Child:
         last = next((line for line in reversed(self.lines) if line.strip()), "it printed nothing")
         return last.removeprefix("robrain: ")
 
-    def end_input(self) -> None:
-        """Close its input, at whose end a program other than `robrain` ends."""
-        if self._process.stdin is not None:
-            with suppress(OSError):
-                self._process.stdin.close()
+    def end(self, timeout_s: float = END_S) -> None:
+        """As a process group, and read its last lines."""
+        super().end(timeout_s)
+        self._reader.close(KILLED_S)
 
-    def ask_to_stop(self) -> None:
-        """Send it SIGTERM, if it still runs."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGTERM)
-
-    def kill(self) -> None:
-        """End it and its children, at once, even if it is stopped."""
-        if self._process.poll() is None:
-            self.kill_group()
-
-    def kill_group(self) -> None:
-        """End the remaining processes of its process group, which it has started."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.pid, signal.SIGKILL)
-
-    def wait(self, timeout_s: float = STOP_TIMEOUT_S) -> int:
-        """Wait for its end; kill it if it does not end in time."""
-        self.end_input()
-        try:
-            self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            self.kill_group()
-            with suppress(subprocess.TimeoutExpired):  # one that waits for a disk for ever cannot be killed
-                self._process.wait(STOP_TIMEOUT_S)
-        self._reader.join(STOP_TIMEOUT_S)
-        status = self._process.returncode
-        return -signal.SIGKILL if status is None else status
-
-    def _read(self, stream: IO[str]) -> None:
+    def _read(self, stream: IO[bytes]) -> None:
         with stream:
-            for line in stream:
-                self.lines.append(line.rstrip("\n"))
+            for output in stream:
+                line = output.decode(errors="replace").rstrip("\r\n")
+                self.lines.append(line)
                 if self._on_line is not None:
-                    self._on_line(line.rstrip("\n"))
+                    self._on_line(line)
 
 
 class Children:
@@ -141,9 +94,9 @@ class Children:
     def stop(self) -> None:
         """Ask all children to stop, and wait for them."""
         for child in reversed(self.all):
-            child.ask_to_stop()
+            child.ask_to_end()
         for child in reversed(self.all):
-            child.wait()
+            child.end()
 
     def __enter__(self) -> Self:
         return self
@@ -186,9 +139,9 @@ class StartingPage:
         """
         if self._url:
             return self._url
-        if self._child.exit_status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
-            self._child.ask_to_stop()
-            self._child.wait()
+        if self._child.status is not None or time.monotonic() > self._begun_s + START_TIMEOUT_S:
+            self._child.ask_to_end()
+            self._child.end()
             raise ChildFailed(f"the dashboard did not start: {self._child.last_line}")
         return ""
 

@@ -10,6 +10,7 @@ import sys
 import threading
 
 from robrain.deploy.processes.process_setup import limit_native_threads
+from robrain.protocol.workers import OwnedThread
 
 NICENESS = 5
 """A third of the share of the run and its page, where they compete for a core."""
@@ -21,7 +22,7 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # its parent ends it
     os.nice(NICENESS)
     limit_native_threads()
-    threading.Thread(target=_wait_for_parent, daemon=True).start()
+    OwnedThread("parent", _wait_for_parent)  # it ends with the process
     # Here: it needs a second, and this process must end with its parent from the beginning.
     from numba.core import event
 

@@ -26,10 +26,10 @@ from robrain.deploy.processes.live_process import (
     live_endpoint,
     open_hub,
     open_when_there,
-    steps,
 )
 from robrain.deploy.processes.name_claim import NameClaim, NameWatcher, claim_coordinator
 from robrain.protocol.access.member import MemberRole
+from robrain.protocol.clock import steps
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.ranges import NAME_MAX, cut

@@ -14,7 +14,7 @@ from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.access.identity import Identity
 from robrain.protocol.access.member import MemberRole
-from robrain.protocol.clock import LiveClock
+from robrain.protocol.clock import LiveClock, steps
 from robrain.protocol.errors import NobodyThere, PortInUse, WireError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, missing_rights
@@ -272,7 +272,7 @@ def open_when_there(
 
     """
     is_reported = False
-    while not should_stop():
+    for _ in steps(should_stop, POLL_S):
         if not connect or any(map(may_answer, connect)):
             try:
                 return open_session(mode=mode, connect=connect, listen=listen)
@@ -284,7 +284,6 @@ def open_when_there(
             is_reported = True
             where = ", ".join(connect)
             print_message(f"{who}: nobody answers at {where} yet: waiting for `robrain up` or a router")
-        time.sleep(POLL_S)
     return None
 
 
@@ -296,13 +295,6 @@ def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
         yield endpoint
     finally:
         endpoint.close()
-
-
-def steps(should_stop: Callable[[], bool], period_s: float) -> Iterator[None]:
-    """The steps of a loop that continues until its process must end: one a period."""
-    while not should_stop():
-        yield
-        time.sleep(period_s)
 
 
 class LiveStop:

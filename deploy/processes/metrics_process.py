@@ -13,8 +13,8 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
-from robrain.protocol.clock import to_seconds
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.protocol.clock import steps, to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortInUse
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_PLUGINS, PluginInfo

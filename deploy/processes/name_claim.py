@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from robrain.protocol.clock import NS_PER_S, LiveClock
+from robrain.protocol.clock import NS_PER_S, LiveClock, steps
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import NameInUse
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
@@ -106,7 +106,7 @@ class NameClaim:
         is_waiting = False
         waited_ns, checked_ns = 0, time.monotonic_ns()
         self._declare(ASKS)
-        while not should_stop():
+        for _ in steps(should_stop, CHECK_PERIOD_S):
             seen = self._read_tokens()
             is_held = bool(seen.having) or seen.is_alive
             if not is_held and not seen.asking:
@@ -132,7 +132,6 @@ class NameClaim:
                 waited_ns += min(checked_ns - before_ns, round(ASK_TIMEOUT_S * NS_PER_S))
                 if waited_ns > PATIENCE_S * NS_PER_S:
                     raise self._name_error(_describe_process(seen))
-            time.sleep(CHECK_PERIOD_S)
         return False
 
     def take_over(self) -> None:

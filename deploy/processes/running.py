@@ -75,12 +75,12 @@ class KernelCompiler:
     @property
     def is_done(self) -> bool:
         """Whether all kernels that a run needs at its start are compiled, or nobody compiles any more."""
-        return self._ready.issuperset(self._at_start) or all(one.exit_status is not None for one in self._workers)
+        return self._ready.issuperset(self._at_start) or all(one.status is not None for one in self._workers)
 
     @property
     def failure(self) -> str:
         """Reason why a process has failed; empty if none has."""
-        status = next((one.exit_status for one in self._workers if one.exit_status), 0)
+        status = next((one.status for one in self._workers if one.status), 0)
         return self._refusal or (f"a compiling process ended with status {status}" if status else "")
 
     @property
@@ -98,7 +98,7 @@ class KernelCompiler:
         for worker in self._workers:
             worker.end_input()
         for worker in self._workers:
-            worker.wait(STOP_S)
+            worker.end(STOP_S)
 
 
 POLL_S = 0.05

@@ -8,7 +8,8 @@ import msgspec
 
 from robrain.deploy.command_line.options import above_zero
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, steps
+from robrain.deploy.processes.live_process import LiveStop
+from robrain.protocol.clock import steps
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE

@@ -14,8 +14,8 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there, steps
-from robrain.protocol.clock import to_ns
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE

@@ -1,7 +1,6 @@
 """A part of a team that runs as a process: its command, its restarts, and its use of resources."""
 
 import os
-import signal
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,10 +11,10 @@ from typing import Annotated, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from robrain.deploy.processes.children import STOP_TIMEOUT_S
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegativeInt, Positive
+from robrain.protocol.workers import END_S, how_it_ended
 
 LONGEST_CHECK_S = 0.5
 """Longer times between two calls of `next_step` count as so much silence."""
@@ -146,8 +145,7 @@ class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, t
             return f"was not ready after {self.silent_s:.0f} s and was killed"
         status = self.status or 0
         if status < 0:
-            known = {number.value: number.name for number in signal.Signals}
-            return f"was ended by {known.get(-status, f'signal {-status}')}"
+            return how_it_ended(status)
         last_line = f" ({self.said.removeprefix('robrain: ')})" if self.said else ""
         return f"ended with status {status}{last_line}"
 
@@ -258,7 +256,7 @@ class Part(NamedTuple):
     """Whether the team ends when it is given up."""
     must_start: bool = False
     """Whether a refusal at its first start (exit status 2) is an error of the user who started the team."""
-    stop_s: float = STOP_TIMEOUT_S
+    stop_s: float = END_S
     """Time for its end when the team stops, before it is killed."""
     on_line: Callable[[str], None] | None = None
     """Called with each line that it prints, on a separate thread."""

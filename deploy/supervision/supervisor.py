@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Self
 
 from robrain.deploy.errors import ChildFailed
@@ -25,6 +24,7 @@ from robrain.deploy.supervision.part import (
     Restarts,
     RestartStep,
 )
+from robrain.protocol.workers import END_S, ProcessGroup
 
 BAD_INPUT = 2
 """Exit status of a process that refuses to start."""
@@ -99,8 +99,7 @@ class Supervised:
             self._lifeline.close()
             self._lifeline = None
         if self.child is not None:
-            self.child.kill_group()
-            self.child.wait()
+            self.child.end(0.0)
             self.last_lines = list(self.child.lines)
         self.child = self.figures = self._core_wait = None
 
@@ -130,7 +129,7 @@ class Supervisor:
     def __init__(self, on_event: Callable[[PartEvent], None]) -> None:
         self.all: list[Supervised] = []
         self._on_event = on_event
-        self._guard: subprocess.Popen[str] | None = None
+        self._guard: ProcessGroup | None = None
 
     def add(self, parts: Sequence[Part]) -> None:
         """Supervise more parts, and start them."""
@@ -162,11 +161,11 @@ class Supervisor:
             now_s = time.monotonic()
             if each.read_lifeline():
                 self._on_event(each.came_up(now_s))
-            if each.child is not None and (status := each.child.exit_status) is not None:
+            if each.child is not None and (status := each.child.status) is not None:
                 self._record_end(each, status, now_s)
             step = each.next_step(now_s)
             if step is RestartStep.KILL and each.child is not None:
-                each.child.kill_group()
+                each.child.kill(0.0)
             elif step is RestartStep.START:
                 self._start(each, now_s)
 
@@ -176,28 +175,23 @@ class Supervisor:
         for together in ([each for each in self.all if each not in hubs], hubs):
             for each in reversed(together):
                 if each.child is not None:
-                    each.child.ask_to_stop()
+                    each.child.ask_to_end()
             asked_s = time.monotonic()
             for each in reversed(together):
                 if each.child is not None:
                     pid = each.child.pid
-                    each.child.wait(max(asked_s + each.part.stop_s - time.monotonic(), 0.0))
+                    each.child.end(max(asked_s + each.part.stop_s - time.monotonic(), 0.0))
                     each.release()
                     self._send_to_guard(f"-{pid}")
 
     def __enter__(self) -> Self:
-        script = str(Path(guard.__file__))
-        self._guard = subprocess.Popen(
-            [sys.executable, "-I", "-S", script], stdin=subprocess.PIPE, text=True, bufsize=1, start_new_session=True
-        )
+        self._guard = ProcessGroup([sys.executable, "-I", "-S", guard.__file__], stdin=subprocess.PIPE)
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-        if self._guard is not None and self._guard.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._guard.stdin.close()
-            self._guard.wait()
+        if self._guard is not None:
+            self._guard.end(guard.GRACE_S + END_S)
 
     def _start(self, each: Supervised, now_s: float) -> None:
         try:
@@ -228,6 +222,6 @@ class Supervisor:
         self._on_event(event)
 
     def _send_to_guard(self, line: str) -> None:
-        if self._guard is not None and self._guard.stdin is not None:
-            with suppress(BrokenPipeError, OSError):
-                os.write(self._guard.stdin.fileno(), f"{line}\n".encode())
+        if self._guard is not None and self._guard.process.stdin is not None:
+            with suppress(OSError):
+                os.write(self._guard.process.stdin.fileno(), f"{line}\n".encode())

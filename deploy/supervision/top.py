@@ -27,6 +27,7 @@ from robrain.deploy.supervision.part import (
 )
 from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.protocol.answers.later import Later
+from robrain.protocol.clock import steps
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
 from robrain.protocol.messages.team.team_messages import COORDINATOR_WHO
@@ -167,7 +168,7 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
         began_s = time.monotonic()
         prints_once = once or as_json or not console.is_terminal
         with nullcontext() if prints_once else Live(console=console, refresh_per_second=2) as live:
-            while not should_stop():
+            for _ in steps(should_stop, PERIOD_S):
                 now_s = time.monotonic()
                 found.update(now_s)
                 members = found.members(now_s)
@@ -178,7 +179,6 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
                     break
                 if live is not None:
                     live.update(Group(f"team {team}", members_table(members)))
-                time.sleep(PERIOD_S)
         if prints_once and not should_stop():
             if as_json:
                 print_json(members)

@@ -38,6 +38,7 @@ from robrain.deploy.supervision.team_file import HostTable, TeamFile, read_team_
 from robrain.deploy.supervision.team_status import TeamMonitor
 from robrain.deploy.supervision.top import members_table
 from robrain.protocol.access.identity import TLS_VARIABLE
+from robrain.protocol.clock import steps
 from robrain.protocol.errors import PortInUse, RobrainError
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
@@ -287,14 +288,13 @@ def choose_endpoint(listen: str | None, *, is_secured: bool = False) -> tuple[st
 
 
 def _await_hub(supervisor: Supervisor, printed: Printed, should_stop: Callable[[], bool]) -> bool:
-    while not should_stop():
+    for _ in steps(should_stop, STARTING_PERIOD_S):
         supervisor.update()
         if supervisor.lost:
             raise ChildFailed("the hub did not start: it has failed too often")
         hub = supervisor.named(HUB)
         if printed.endpoint and hub is not None and hub.is_up:
             return True
-        time.sleep(STARTING_PERIOD_S)
     return False
 
 

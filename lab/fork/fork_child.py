@@ -73,9 +73,9 @@ class ForkChild:
     def state(self) -> ForkState:
         """The last fork, as it is now."""
         child, last = self._child, self._last
-        is_running = child is not None and child.exit_status is None
+        is_running = child is not None and child.status is None
         if child is not None and not is_running and not self._failure and (last is None or last.fork is None):
-            child.wait()  # until its last line is read
+            child.end()  # until its last line is read
             last = self._last
             if last is None or last.fork is None:
                 self._failure = child.last_line
@@ -108,9 +108,9 @@ class ForkChild:
     def stop(self) -> None:
         """Stop a fork that runs."""
         child = self._child
-        if child is not None and child.exit_status is None:
-            child.ask_to_stop()
-            child.wait()
+        if child is not None and child.status is None:
+            child.ask_to_end()
+            child.end()
             self._failure = "stopped"
 
     def close(self) -> None:

@@ -1,7 +1,6 @@
 """A recorded lockstep run, with the data that repeat it."""
 
 import tempfile
-import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE, ARENA_S
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.table.topics import all_rows
 from robrain.protocol.topic import JSON, Query, Topic
+from robrain.protocol.workers import OwnedThread
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import (
     MAP_ATTACHMENT,
@@ -76,7 +76,7 @@ class RecordedInputs:
         while self._waiting and self._waiting[0].clock_ns <= now_ns:
             wanted = self._waiting.popleft()
             if not wanted.from_script:
-                _on_another_thread(run.session, wanted)
+                OwnedThread("input-from-outside", _send, run.session, wanted).close()
                 continue
             if wanted.is_query:
                 run.record_script(wanted.key, wanted.payload)
@@ -146,12 +146,6 @@ def _send(session: zenoh.Session, wanted: RecordedInput) -> None:
         return
     ignored: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(lambda _: None, indirect=False)
     session.get(wanted.key, ignored, payload=wanted.payload or None, encoding=JSON, timeout=NO_LIMIT_S)
-
-
-def _on_another_thread(session: zenoh.Session, wanted: RecordedInput) -> None:
-    thread = threading.Thread(target=_send, args=(session, wanted), name="input-from-outside")
-    thread.start()
-    thread.join()
 
 
 @dataclass(frozen=True)

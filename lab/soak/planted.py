@@ -14,7 +14,7 @@ from robrain.agent.robot_tasks import RobotTasks
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks import reconcile as reconciling
 from robrain.coordinator.tasks import task_lifecycle
-from robrain.coordinator.tasks.eligibility import RobotPauses, TaskBackoff
+from robrain.coordinator.tasks.eligibility import RobotPauses, TaskPauses
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.halts import TeamHalts
@@ -111,7 +111,7 @@ def _strays_stay() -> list[Patch]:
 
 
 def _backoff_without_end() -> list[Patch]:
-    def pause_reason(self: TaskBackoff, task_id: str, robot: str, now_ns: int) -> Any:
+    def pause_reason(self: TaskPauses, task_id: str, robot: str, now_ns: int) -> Any:
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None else self.robots.backoff_reason(robot, now_ns)
 
@@ -119,7 +119,7 @@ def _backoff_without_end() -> list[Patch]:
         pause = self._unreached.get(robot)
         return None if pause is None else pause.reason
 
-    return [(TaskBackoff, "pause_reason", pause_reason), (RobotPauses, "backoff_reason", backoff_reason)]
+    return [(TaskPauses, "pause_reason", pause_reason), (RobotPauses, "backoff_reason", backoff_reason)]
 
 
 def _cancelled_forgotten() -> list[Patch]:

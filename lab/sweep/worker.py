@@ -11,6 +11,7 @@ from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.lab.sweep.run_outcome import RunRecord, RunState, outcome_of
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.workers import OwnedThread
 from robrain.recording.invariants.judging import Judging, broken
 from robrain.recording.provenance import software_versions
 from robrain.sim.scenarios.driving import Progress
@@ -56,7 +57,7 @@ def run_task(task: RunTask) -> RunRecord:
 
 def start_worker(commands: Connection) -> None:
     """Make this process ready for tasks: it stops on request, and ends when the sweep's process is gone."""
-    threading.Thread(target=_obey, args=(commands,), daemon=True, name="sweep").start()
+    OwnedThread("sweep", _obey, commands)  # it ends with the process
 
 
 def is_asked_to_stop() -> bool:

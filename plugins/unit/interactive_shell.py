@@ -3,7 +3,6 @@
 import os
 import selectors
 import socket
-import threading
 from collections.abc import Callable
 
 import msgspec
@@ -12,6 +11,7 @@ from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.plugin import Unit
 from robrain.plugins.device.command import CommandInterface
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.workers import OwnedThread
 
 READ_BYTES = 4096
 CLOSE_TIMEOUT_S = 2.0
@@ -35,14 +35,12 @@ class Terminal:
         self._prompt = prompt
         self._terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
         self._woken, self._wake = socket.socketpair()
-        self._thread = threading.Thread(target=self._run, name=f"terminal-{path}", daemon=True)
-        self._thread.start()
+        self._thread = OwnedThread(f"terminal-{path}", self._run)
 
     def close(self) -> None:
         """Stop reading; a command that takes too long is abandoned."""
         self._wake.close()
-        if self._thread is not threading.current_thread():  # the command itself may close it
-            self._thread.join(CLOSE_TIMEOUT_S)
+        self._thread.close(CLOSE_TIMEOUT_S)
 
     def _run(self) -> None:
         with self._woken, selectors.DefaultSelector() as selector:

@@ -29,7 +29,6 @@ import msgspec
 
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
-from robrain.agent.isolation.process_group import ProcessGroup, how_it_ended
 from robrain.agent.plugin import Unit, external
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
@@ -38,6 +37,7 @@ from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.workers import OwnedThread, ProcessGroup, close_threads, how_it_ended
 
 WAITING_LINES = 256
 END_TIMEOUT_S = 1.0
@@ -87,7 +87,7 @@ class LineProcess:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             folder=folder,
-            environment={**os.environ, **environment},
+            environment=environment,
         )
         process = self._group.process
         assert process.stdin is not None
@@ -96,19 +96,14 @@ class LineProcess:
         self._stdin = process.stdin.fileno()
         os.set_blocking(self._stdin, False)
         self._threads = [
-            threading.Thread(target=read, args=(stream,), name=f"{name}-{plugin}", daemon=True)
-            for name, read, stream in (
-                ("stdout", self._read_stdout, process.stdout),
-                ("stderr", self._read_stderr, process.stderr),
-            )
+            OwnedThread(f"stdout-{plugin}", self._read_stdout, process.stdout),
+            OwnedThread(f"stderr-{plugin}", self._read_stderr, process.stderr),
         ]
-        for thread in self._threads:
-            thread.start()
 
     @property
     def pid(self) -> int:
         """Its process id."""
-        return self._group.process.pid
+        return self._group.pid
 
     @property
     def status(self) -> int | None:
@@ -145,17 +140,13 @@ class LineProcess:
     def end(self) -> None:
         """Terminate it and its child processes, and release all resources."""
         self._group.ask_to_end()
-        self._group.wait(END_TIMEOUT_S)
-        self.kill()
-        for thread in self._threads:
-            # Something that left the group may hold the other end open: its thread is abandoned, and closes then.
-            thread.join(END_TIMEOUT_S)
-        if self._group.process.stdin is not None:
-            self._group.process.stdin.close()
+        self._group.end(END_TIMEOUT_S)
+        # Something that left the group may hold the other end open: its thread is abandoned, and closes then.
+        close_threads(self._threads, END_TIMEOUT_S)
 
     def ends_within(self, timeout_s: float) -> bool:
         """Whether it has ended by then."""
-        return self._group.wait(timeout_s)
+        return self._group.ends_within(timeout_s)
 
     def kill(self) -> None:
         """End it at once, with all that it has started."""

@@ -23,6 +23,7 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive, PositiveInt
 from robrain.protocol.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.workers import OwnedThread, close_threads
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +92,7 @@ CLOSE_TIMEOUT_S = 2.0
 class _Client:
     """A connected client."""
 
-    def __init__(self, thread: threading.Thread) -> None:
+    def __init__(self, thread: OwnedThread) -> None:
         self.thread = thread
         self.since_s = time.monotonic()
         self.has_spoken = False
@@ -130,8 +131,7 @@ class LineServer:
         self._listener.setblocking(False)  # a client may have gone again before it is accepted
         self.port: int = self._listener.getsockname()[1]
         self._woken, self._wake = socket.socketpair()
-        self._thread = threading.Thread(target=self._accept, name=f"tcp-{self.port}", daemon=True)
-        self._thread.start()
+        self._thread = OwnedThread(f"tcp-{self.port}", self._accept)
 
     @property
     def clients(self) -> int:
@@ -140,17 +140,14 @@ class LineServer:
 
     def close(self) -> None:
         """Stop listening, disconnect all clients, and wait for their threads."""
-        deadline_s = time.monotonic() + CLOSE_TIMEOUT_S
         self._wake.close()
-        self._thread.join(CLOSE_TIMEOUT_S)
+        self._thread.close(CLOSE_TIMEOUT_S)
         with self._guard:
             self._closing = True
             clients = dict(self._clients)
             for client in clients:
                 _cut_off(client)
-        for one in clients.values():
-            if one.thread is not threading.current_thread():  # a client may have asked for the end
-                one.thread.join(max(deadline_s - time.monotonic(), 0.0))
+        close_threads((client.thread for client in clients.values()), CLOSE_TIMEOUT_S)
 
     def _accept(self) -> None:
         with self._listener, self._woken, selectors.DefaultSelector() as selector:
@@ -171,11 +168,7 @@ class LineServer:
             if len(self._clients) >= self._max_clients:
                 self._refuse(host)
             if not self._closing and len(self._clients) < self._max_clients:
-                thread = threading.Thread(
-                    target=self._serve, args=(client,), name=f"tcp-{self.port}-client", daemon=True
-                )
-                self._clients[client] = _Client(thread)
-                thread.start()
+                self._clients[client] = _Client(OwnedThread(f"tcp-{self.port}-client", self._serve, client))
                 return
         with client:
             client.settimeout(SEND_TIMEOUT_S)

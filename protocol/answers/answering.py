@@ -5,7 +5,6 @@ A handover of a query by a queue costs 25 µs, a separate channel two threads mo
 
 import logging
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable
 from queue import SimpleQueue
@@ -16,6 +15,7 @@ import zenoh
 from robrain.protocol.answers.asked import Asked
 from robrain.protocol.errors import CallError
 from robrain.protocol.topic import Query
+from robrain.protocol.workers import OwnedThread, close_threads
 
 READY = 2
 """Threads to begin with: one that answers, one that waits for the next query."""
@@ -55,7 +55,7 @@ class Answering(Generic[AskedT]):
         self._limit = limit
         self._counting = threading.Lock()
         self._free = 0
-        self._threads: list[threading.Thread] = []
+        self._threads: list[OwnedThread] = []
         with self._counting:
             for _ in range(min(ready, limit + 1)):
                 self._begin()
@@ -65,24 +65,13 @@ class Answering(Generic[AskedT]):
         """How many there are."""
         return len(self._threads)
 
-    def join(self, timeout_s: float) -> list[str]:
-        """Wait for the threads to end, after `receive` has nothing more.
-
-        Returns:
-            The names of those that are stuck; they are daemons and are left behind.
-
-        """
-        deadline_s = time.monotonic() + timeout_s
-        for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join(max(deadline_s - time.monotonic(), 0.0))
-        return [thread.name for thread in self._threads if thread.is_alive()]
+    def close(self, timeout_s: float) -> None:
+        """Wait for the threads to end, after `receive` has nothing more; those that are stuck are reported."""
+        close_threads(self._threads, timeout_s)
 
     def _begin(self) -> None:
         self._free += 1
-        thread = threading.Thread(target=self._work, name=f"{self._name}-{len(self._threads) + 1}", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+        self._threads.append(OwnedThread(f"{self._name}-{len(self._threads) + 1}", self._work))
 
     def _work(self) -> None:
         counting = self._counting

@@ -517,9 +517,7 @@ class Endpoint:
             self._shared.end()
             self._shared = None
         for answering in self._answering:  # requests that wait there are answered `unloaded` as well
-            stuck = answering.join(STUCK_TIMEOUT_S)
-            if stuck:
-                logger.warning("answers that do not come back are left behind: %s", ", ".join(stuck))
+            answering.close(STUCK_TIMEOUT_S)
         self._answering.clear()
 
     @property

@@ -24,6 +24,7 @@ from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, Los
 from robrain.protocol.refusals import Refusal, Refusals, most_refused
 from robrain.protocol.table.topics import all_topics
 from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.workers import OwnedThread
 from robrain.recording.drawing.recorded_map import KnownMap
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import Provenance
@@ -103,10 +104,7 @@ class RecorderReports:
         self._began_s: float | None = None
         """Start of the step that runs, by the monotonic clock."""
         self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
-        if live:
-            self._thread = threading.Thread(target=self._watch, name="disk-watch", daemon=True)
-            self._thread.start()
+        self._thread = OwnedThread("disk-watch", self._watch) if live else None
 
     def begin(self) -> None:
         """The recorder begins to write."""
@@ -130,7 +128,7 @@ class RecorderReports:
         """Publish the last state."""
         self._closed.set()
         if self._thread is not None:
-            self._thread.join()
+            self._thread.close()
         self._publish("")
 
     def _watch(self) -> None:

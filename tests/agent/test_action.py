@@ -14,6 +14,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress, Outcome
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.team.team_messages import HALT, Halt
+from robrain.protocol.workers import OwnedThread, close_threads
 
 OVEN = """
     from robrain.agent.action import Action, ActionDesk
@@ -219,11 +220,7 @@ def test_of_threads_that_end_one_action_together_one_has_its_way():
             function(*args)
 
         ways = ((action.done, 1), (action.fail, "no"), (heard.desk.cancel_all, "halt"))
-        threads = [threading.Thread(target=end, args=way) for way in ways]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        close_threads([OwnedThread("end", end, *way) for way in ways], 60.0)
         heard.mailbox.deliver()
         assert heard.ends == [action.end]
         assert heard.ends[0].outcome in set(Outcome)

@@ -145,7 +145,7 @@ def _watch(team: LiveTeam, inbox: Inbox, stops: Stops, begin_s: float, lasts_s: 
             truth = received.message
             if truth.map_accuracy is not None and now_s > begin_s + begun_s:
                 off_percent.append(100 * truth.map_accuracy.share_off)
-        ended = [child for child in team.children.values() if child.exit_status is not None]
+        ended = [child for child in team.children.values() if child.status is not None]
         if ended:
             raise ChildFailed(f"{ended[0].name} ended; it said: {' '.join(ended[0].lines) or 'nothing'}")
         if truth is None and now_s > begin_s + PATIENCE_S:

@@ -103,7 +103,7 @@ def await_ready(child: Child) -> None:
     """Wait for the first line that a process says (ChildFailed if it ends before, or says nothing)."""
     deadline_s = time.monotonic() + PATIENCE_S
     while not child.lines:
-        if child.exit_status is not None or time.monotonic() > deadline_s:
+        if child.status is not None or time.monotonic() > deadline_s:
             said = " ".join(child.lines) or "nothing"
             raise ChildFailed(f"{child.name} did not start; it said: {said}")
         time.sleep(0.02)

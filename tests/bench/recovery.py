@@ -13,7 +13,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -38,6 +37,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
+from robrain.protocol.workers import OwnedThread
 
 PARTS = ("r1", "coordinator", "stand-by", "recorder", "dashboard", "arena", "hub")
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}
@@ -77,8 +77,7 @@ class RecoveryTeam:
         self._up: set[str] = set()
         self._lines: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()
         self._failed_s: dict[str, float] = {}
-        self._reader = threading.Thread(target=self._read, name="lines", daemon=True)
-        self._reader.start()
+        self._reader = OwnedThread("lines", self._read)
         hub: dict[str, str] = {}
 
         def found_hub() -> bool:
@@ -167,7 +166,7 @@ class RecoveryTeam:
         self.session.close()  # type: ignore[no-untyped-call]
         self.process.send_signal(signal.SIGTERM)
         self.process.wait(PATIENCE_S)
-        self._reader.join(PATIENCE_S)
+        self._reader.close(PATIENCE_S)
         self._note_events()
 
     def _is_well(self, part: str, since_ns: int) -> Callable[[], bool]:

@@ -3,11 +3,8 @@
 `python -m tests.bench.section_process NAME FD` is that process; it writes each figure as a line of JSON to FD.
 """
 
-import contextlib
 import os
 import select
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,6 +15,7 @@ from typing import IO
 import msgspec
 
 from robrain.lab.bench.figure import Figure
+from robrain.protocol.workers import ProcessGroup
 from tests.bench.results import ROOT, Conditions, Machine, SectionResult, Stopwatch, now_words, revision
 from tests.bench.sections import function_of
 
@@ -55,19 +53,19 @@ def measure_apart(
     reader, writer = os.pipe()
     words = [*(command or [sys.executable, "-m", "tests.bench.section_process", name]), str(writer)]
     with os.fdopen(reader, "rb") as lines, tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(
-            words, cwd=ROOT, pass_fds=[writer], stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True
-        )
+        process = ProcessGroup(words, folder=ROOT, keep=[writer], stdout=log.fileno(), stderr=log.fileno())
         os.close(writer)
         try:
             figures = _figures(lines, on_figure, ends_s)
-            process.wait(max(ends_s - time.monotonic(), ENDING_S))
-        except (TimeoutError, subprocess.TimeoutExpired) as error:
+            if not process.ends_within(max(ends_s - time.monotonic(), ENDING_S)):
+                raise TimeoutError
+        except TimeoutError as error:
             raise SectionFailedError(f"{name}: not measured after {limit_s:g} s") from error
         finally:
-            _end(process)
-        if process.returncode or not figures:
-            raise SectionFailedError(f"{name}: exit status {process.returncode}\n{_tail(log)}")
+            process.ask_to_end()
+            process.end(ENDING_S)
+        if process.status or not figures:
+            raise SectionFailedError(f"{name}: exit status {process.status}\n{_tail(log)}")
     took_s, others = stopwatch.stop()
     conditions = Conditions(
         date=date,
@@ -97,15 +95,6 @@ def _figures(lines: IO[bytes], on_figure: Callable[[Figure], None], ends_s: floa
         for line in whole:
             figures.append(msgspec.json.decode(line, type=Figure))
             on_figure(figures[-1])
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and its remaining children."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(ENDING_S)
 
 
 def _tail(log: IO[bytes]) -> str:

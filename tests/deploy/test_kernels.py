@@ -112,7 +112,7 @@ import time
 from robrain.deploy.processes.running import KernelCompiler
 from robrain.deploy.processes.kernels import PARTS
 with KernelCompiler(PARTS, 1) as compiler:
-    print(compiler._workers[0]._process.pid, flush=True)
+    print(compiler._workers[0].pid, flush=True)
     time.sleep(600)
 """
 
@@ -128,16 +128,16 @@ def test_parts_at_the_start_are_stored_first_then_one_process_compiles_and_ends_
     empty_cache: Path,
 ) -> None:
     with KernelCompiler(FEW, 2) as compiler:
-        (worker,) = (worker._process for worker in compiler._workers)
+        (worker,) = compiler._workers
         assert compiler.progress == (0, 1, None)
         until(lambda: compiler.is_done)
         assert compiler.progress.ready == 1
         assert compiler.failure == ""
-        assert worker.poll() is None  # it still compiles what is needed later
+        assert worker.status is None  # it still compiles what is needed later
         assert list(empty_cache.rglob("obstacles*.nbc"))
         begun_s = time.monotonic()
     assert time.monotonic() - begun_s < 2 * running.STOP_S
-    assert worker.poll() is not None
+    assert worker.status is not None
     assert not list(empty_cache.rglob("*.tmp.*"))
 
 

@@ -14,6 +14,7 @@ from robrain.protocol.errors import NameInUse
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_CLAIM
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_session
+from robrain.protocol.workers import OwnedThread, close_threads
 from tests.waiting import until
 
 TEAM = "default"
@@ -116,11 +117,7 @@ def test_of_several_that_start_at_once_exactly_one_remains(join, attempt):
         except NameInUse as error:
             refused.append(str(error))
 
-    threads = [threading.Thread(target=start, args=(claim,)) for claim in claims]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(WAIT_S)
+    close_threads([OwnedThread("claims", start, claim) for claim in claims], WAIT_S)
     assert len(taken) == 1
     assert len(refused) == len(claims) - 1
     assert all(taken[0].info.zid[:8] in why for why in refused)
@@ -151,11 +148,10 @@ def test_whatever_was_seen_first_exactly_one_of_two_remains(join, monkeypatch, s
                 except NameInUse as error:
                     result.append(error)
 
-            thread = threading.Thread(target=start)
-            thread.start()
+            thread = OwnedThread("thread", start)
             looked.wait(WAIT_S)
             assert take(first)
-            thread.join(WAIT_S)
+            thread.close(WAIT_S)
             assert isinstance(result[0], NameInUse)
 
 

@@ -4,7 +4,6 @@ import json
 import logging
 import os
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -17,6 +16,7 @@ from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes import process_setup
 from robrain.deploy.processes.process_setup import FORMAT_VARIABLE, JsonLines, LogContext, guarded_streams, set_up_logs
+from robrain.protocol.workers import OwnedThread
 
 APP = typer.main.get_command(cli.all_commands())
 SENTENCES = {
@@ -75,9 +75,8 @@ def test_every_command_says_that_its_help_cannot_be_written(
 
 def test_output_that_fails_in_another_thread_interrupts_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     def in_thread() -> None:
-        thread = threading.Thread(target=print_result, args=("hello",))
-        thread.start()
-        thread.join()
+        thread = OwnedThread("thread", print_result, "hello")
+        thread.close()
 
     def act() -> None:
         with guarded_streams():

@@ -1,6 +1,5 @@
 """`robrain fork`: the part before is that of the recording, and what is named is what differs after."""
 
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.workers import OwnedThread
 from robrain.recording.errors import RecordingError
 from robrain.recording.provenance import RunSetup
 from robrain.recording.reader.reading import read_messages, recording_info
@@ -219,9 +219,8 @@ def test_calls_of_other_processes_are_repeated_in_their_tick(tmp_path: Path) -> 
     key = ROBOT_CALL.key(DEFAULT_TEAM, robot="r1", plugin="driver", function="stop")
     for tick in range(150):
         if tick in (50, 100):  # an endpoint takes for another process what comes on another thread
-            asking = threading.Thread(target=lambda: run.session.get(f"{key}?by=ann", lambda _: None, payload=b"[]"))
-            asking.start()
-            asking.join()
+            asking = OwnedThread("asking", lambda: run.session.get(f"{key}?by=ann", lambda _: None, payload=b"[]"))
+            asking.close()
         run.tick()
     summary = run.close()
     assert summary is not None

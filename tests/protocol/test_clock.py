@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.clock import LiveClock, VirtualClock, clock_difference_ns, to_ns, to_seconds
+from robrain.protocol.clock import LiveClock, VirtualClock, clock_difference_ns, steps, to_ns, to_seconds
 
 DAY_S = 86_400.0
 
@@ -50,3 +50,13 @@ def test_seconds_survive_as_whole_nanoseconds(duration_s):
 def test_a_fiftieth_of_a_second_is_exact():
     assert to_ns(0.02) == 20_000_000
     assert to_ns(3 * 0.1) == 300_000_000  # 0.30000000000000004 s
+
+
+def test_steps_come_one_a_period_and_a_long_one_delays_the_next(monkeypatch):
+    now_s, begun_s = [0.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(time, "sleep", lambda pause_s: now_s.append(now_s.pop() + pause_s))
+    for _ in steps(lambda: len(begun_s) == 4, 2.0):
+        begun_s.append(now_s[0])
+        now_s[0] += 5.0 if len(begun_s) == 2 else 0.5
+    assert begun_s == [0.0, 2.0, 7.0, 9.0]

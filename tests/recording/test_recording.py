@@ -1,7 +1,6 @@
 import hashlib
 import json
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import all_topics
 from robrain.protocol.topic import Topic
+from robrain.protocol.workers import OwnedThread
 from robrain.recording import provenance
 from robrain.recording.errors import RecordingError
 from robrain.recording.writer import recording_file
@@ -255,9 +255,8 @@ def test_messages_from_another_thread_count_as_outside_and_mark_the_digest(stage
     recorder.step()
     assert len(recorder.digest) == 64
     for _ in range(2):
-        outsider = threading.Thread(target=logs.put_bytes, args=(LINE,))
-        outsider.start()
-        outsider.join()
+        outsider = OwnedThread("outsider", logs.put_bytes, LINE)
+        outsider.close()
     summary = recorder.close()
     assert (summary.messages, summary.outside) == (3, 2)
     assert summary.digest.endswith("+outside:2")

@@ -27,6 +27,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.ros2.ros_names import DOMAIN_MAX, environment_domain
 from robrain.protocol.wire.endpoint import Drive
+from robrain.protocol.workers import OwnedThread
 
 _NAMESPACE = re.compile(r"(/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
 _TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -151,8 +152,7 @@ class Ros2Link:
         self._closing = threading.Event()
         self._asked: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._asking = threading.Lock()
-        self._thread = threading.Thread(target=self._spin, name=f"ros2-{name}", daemon=True)
-        self._thread.start()
+        self._thread = OwnedThread(f"ros2-{name}", self._spin)
 
     def subscribe(
         self, kind: type[Any], topic: str, qos: Any, on_arrival: Callable[[], None], *, raw: bool = False
@@ -187,7 +187,7 @@ class Ros2Link:
             RuntimeError: the node no longer spins.
 
         """
-        if threading.current_thread() is self._thread:
+        if self._thread.is_current:
             return function()
         done: Future[R] = Future()
         with self._asking:
@@ -229,9 +229,9 @@ class Ros2Link:
     def close(self) -> None:
         """End the thread and the node; without effect the second time."""
         self._closing.set()
-        if threading.current_thread() is not self._thread:
+        if not self._thread.is_current:
             self._executor.wake()
-            self._thread.join(JOIN_S)
+            self._thread.close(JOIN_S)
 
     def _spin(self) -> None:
         try:

@@ -74,4 +74,4 @@ def test_a_process_that_announces_something_else_is_told_and_ended(
     bench = ForeignBench(command, plugin="lamp")
     with pytest.raises(TimeoutError, match="lamp of r1 has not announced its plugin after 3 s"), bench:
         pass
-    assert bench.process.returncode is not None
+    assert bench.process.status is not None

@@ -2,7 +2,6 @@
 
 import inspect
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -22,6 +21,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
+from robrain.protocol.workers import OwnedThread, close_threads
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 
@@ -140,15 +140,14 @@ def test_a_plugin_that_still_hangs_from_the_last_halt_is_not_entered_again(start
 def test_a_call_that_was_under_way_does_not_undo_a_halt(start):
     robot = start("wheels")
     code = robot.code
-    call = threading.Thread(
-        target=lambda: robot.wire.ask(ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S)
+    call = OwnedThread(
+        "call", lambda: robot.wire.ask(ROBOT_CALL, robot="r1", plugin="wheels", function="drive", timeout_s=PATIENCE_S)
     )
-    call.start()
     assert code["INSIDE"].wait(PATIENCE_S)
     halt(robot)
     assert code["HALTED"] == ["wheels"]
     code["RELEASE"].set()
-    call.join(PATIENCE_S)
+    call.close(PATIENCE_S)
     until(lambda: code["HALTED"] == ["wheels", "wheels"])
     until(lambda: robot.host.manager.get("wheels").plugin.driven_by == "")
 
@@ -169,12 +168,9 @@ def test_a_robot_whose_every_answering_thread_is_stuck_is_halted_by_a_query_all_
             request = CommandRequest(text="call deaf wait()")
             robot.wire.ask(HOST_COMMAND, request, robot="r1", timeout_s=PATIENCE_S)
 
-    calls = [threading.Thread(target=wait) for _ in range(ANSWERING_THREADS)]
-    for call in calls:
-        call.start()
+    calls = [OwnedThread("call", wait) for _ in range(ANSWERING_THREADS)]
     until(lambda: len(robot.code["STUCK"]) == ANSWERING_THREADS, "an answering thread is free")
     assert halt(robot).halted
-    assert all(call.is_alive() for call in calls)
+    assert all(call.is_alive for call in calls)
     robot.code["RELEASE"].set()
-    for call in calls:
-        call.join(PATIENCE_S)
+    close_threads(calls, PATIENCE_S)

@@ -20,6 +20,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.workers import OwnedThread, close_threads
 from tests.agent.isolation.isolation_bench import IsolationBench, StandInEnvironment
 from tests.waiting import PATIENCE_S, until
 
@@ -341,11 +342,9 @@ def test_calls_of_several_threads_take_turns(bench):
                 return self.inside
         """)
     seen = []
-    threads = [threading.Thread(target=lambda: seen.extend(vision.look() for _ in range(20))) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(PATIENCE_S)
+    close_threads(
+        [OwnedThread("look", lambda: seen.extend(vision.look() for _ in range(20))) for _ in range(4)], PATIENCE_S
+    )
     assert seen == [0] * 80
 
 

@@ -15,6 +15,7 @@ import pytest
 from robrain.agent.errors import PluginCrashed
 from robrain.agent.isolation.isolated_plugin import Limits
 from robrain.agent.plugin_traceback import raised
+from robrain.protocol.workers import OwnedThread
 from tests.agent.isolation.isolation_bench import IsolationBench
 from tests.waiting import PATIENCE_S, until
 
@@ -55,10 +56,6 @@ class Vision(Unit):
     def loop_in_native_code(self) -> None: re.match("(a+)+$", "a" * 60 + "b")
     @external
     def grow(self) -> None: grow()
-    @external
-    def fork_off(self) -> int:
-        import subprocess
-        return subprocess.Popen(["sleep", "60"]).pid
     @external
     def stumble(self) -> None: self.misstep = True
     @external
@@ -174,12 +171,6 @@ def test_waiting_for_a_lower_plugin_is_not_held_against_it(bench):
     assert vision.rest() == 5
 
 
-def test_what_the_plugin_has_started_ends_with_it(fragile):
-    grandchild = fragile.fork_off()
-    fragile.deactivate()
-    assert gone(grandchild)
-
-
 def test_emergency_halt_gets_through_a_call_that_is_under_way(bench):
     vision = bench.start(
         """
@@ -193,11 +184,10 @@ def test_emergency_halt_gets_through_a_call_that_is_under_way(bench):
         """
     )
     answered = []
-    caller = threading.Thread(target=lambda: answered.append(vision.wait_for_halt()))
-    caller.start()
+    caller = OwnedThread("caller", lambda: answered.append(vision.wait_for_halt()))
     time.sleep(0.05)
     vision.emergency_halt()
-    caller.join(PATIENCE_S)
+    caller.close(PATIENCE_S)
     assert answered == [1]
 
 
@@ -219,10 +209,9 @@ def test_a_process_that_does_not_halt_is_killed(bench):
             return str(error)
         return ""
 
-    caller = threading.Thread(target=call)
-    caller.start()
+    caller = OwnedThread("caller", call)
     assert "did not halt within 0.2 s" in until(halt)
-    caller.join(PATIENCE_S)
+    caller.close(PATIENCE_S)
     assert len(errors) == 1
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from robrain.agent.isolation import isolated_plugin
 from robrain.agent.isolation.child import ChildEnvironment, PluginChild, RemoteBoard
 from robrain.agent.isolation.contract import decoder
 from robrain.agent.isolation.isolated_plugin import ChildProcess
@@ -49,12 +50,11 @@ def child(watcher: Watcher) -> Iterator[ChildProcess]:
 def test_a_process_that_this_side_ends_is_not_told_as_lost(
     child: ChildProcess, watcher: Watcher, monkeypatch: pytest.MonkeyPatch, end: object
 ) -> None:
-    monkeypatch.setattr(child._group, "wait", lambda _timeout_s: False)  # it does not end by itself
-    os.kill(child.pid, signal.SIGSTOP)  # nor does it, however long this side takes
+    monkeypatch.setattr(isolated_plugin, "END_TIMEOUT_S", 0.05)
+    os.kill(child.pid, signal.SIGSTOP)  # it does not end by itself
     assert callable(end)
     end(child)
-    child._watcher.join(PATIENCE_S)
-    assert not child._watcher.is_alive()
+    assert child._watcher.close(PATIENCE_S)
     assert watcher.told == []
     assert child._group.status == -signal.SIGKILL
 

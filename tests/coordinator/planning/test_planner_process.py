@@ -106,16 +106,6 @@ def open_links():
     return {name for name in found if name.startswith(("socket:", "pipe:"))}
 
 
-def test_a_process_that_has_ended_leaves_no_open_file():
-    before = open_links()
-    process = PlannerProcess(lambda _: None, lambda: None)
-    begun = open_links() - before
-    process.kill()
-    assert process.end() in ("", "was ended by SIGKILL")
-    assert len(begun) >= 3  # two connections and the lifeline
-    assert not begun & open_links()
-
-
 def test_a_process_that_cannot_be_started_leaves_no_open_file(monkeypatch):
     before = open_links()
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")

@@ -2,7 +2,7 @@
 
 from robrain.coordinator.planning.plan_executor import dispatch
 from robrain.coordinator.planning.task_explanation import verdicts
-from robrain.coordinator.tasks.eligibility import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskBackoff
+from robrain.coordinator.tasks.eligibility import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskPauses
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -72,7 +72,7 @@ def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
 
 
 def test_who_refused_is_asked_again_after_growing_pauses() -> None:
-    backoff = TaskBackoff()
+    backoff = TaskPauses()
     now_ns, pauses = 0, []
     for _ in range(8):
         backoff.record("t1", "r1", Refused(no_path()), now_ns)

@@ -28,7 +28,8 @@ from robrain.deploy.supervision.part import (
     RestartStep,
 )
 from robrain.deploy.supervision.supervisor import Supervisor
-from tests.waiting import has_ended, until
+from robrain.protocol.workers import OwnedThread, ProcessGroup
+from tests.waiting import PATIENCE_S, has_ended, until
 
 QUICK = RestartPolicy(first_delay_s=0.01, limit=2, hang_s=1.0)
 HUB = ["hub", "--listen", "tcp/127.0.0.1:0"]
@@ -125,19 +126,11 @@ def test_guard_ends_what_is_left_even_if_it_stands_still() -> None:
 
 
 def test_guard_waits_for_those_that_end_by_themselves() -> None:
-    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.2)"], start_new_session=True)
-    status: list[int] = []
-
-    def look() -> None:
-        status.append(child.wait())
-
-    import threading
-
-    waiting = threading.Thread(target=look)
-    waiting.start()
+    child = ProcessGroup([sys.executable, "-c", "import time; time.sleep(0.2)"])
+    waiting = OwnedThread("waiting", child.ends_within, PATIENCE_S)
     guard.end_groups({child.pid}, grace_s=30.0)
-    waiting.join()
-    assert status == [0]
+    waiting.close()
+    assert child.status == 0
 
 
 POLICY = RestartPolicy(limit=3, within_s=60.0, hang_s=5.0, start_s=20.0)

@@ -175,16 +175,6 @@ def test_a_program_that_ran_steadily_is_forgiven_its_restarts(start, monkeypatch
     bench.until(lambda: len(bench.told) > 4)
 
 
-def test_what_it_started_ends_with_it(start):
-    code = "import subprocess; print(subprocess.Popen(['sleep', '60']).pid, flush=True); input()"
-    bench = start(code)
-    bench.until(lambda: bench.told)
-    pid = bench.plugin.state().pid
-    bench.plugin.deactivate()
-    until(lambda: has_ended(pid))
-    until(lambda: has_ended(int(bench.told[0])))
-
-
 @pytest.mark.parametrize("kill_on_halt", [True, False])
 def test_emergency_halt_ends_it_if_asked_to(start, kill_on_halt):
     bench = start(kill_on_halt=kill_on_halt)

@@ -150,21 +150,6 @@ def test_deactivation_cuts_clients_off_and_leaves_no_thread(listening):
         socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
 
-def test_a_command_that_hangs_does_not_hold_up_the_end(monkeypatch):
-    monkeypatch.setattr(server, "CLOSE_TIMEOUT_S", 0.1)
-    command = Command()
-    plugin = tcp_socket(command)
-    plugin.activate()
-    with Client(plugin) as client:
-        client.send(b"wait\n")
-        assert command.begun.wait(PATIENCE_S)
-        (one,) = plugin._server._clients.values()
-        plugin.deactivate()
-        command.may_end.set()
-        one.thread.join(PATIENCE_S)
-        assert not one.thread.is_alive()
-
-
 def test_a_port_that_is_taken_is_named(listening):
     taken = listening().port()
     with pytest.raises(PluginError, match=f"tcp_socket cannot listen on 127.0.0.1 port {taken}"):

@@ -14,6 +14,7 @@ import zenoh
 
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
+from robrain.protocol.workers import OwnedThread, close_threads
 from tests.waiting import PATIENCE_S, until
 
 CHANNEL = "r1/can0"
@@ -357,11 +358,7 @@ def test_a_thread_safe_bus_bears_many_senders_and_receivers(clients):
         for _ in range(50):
             received.append(receiver.recv(PATIENCE_S))
 
-    threads = [threading.Thread(target=work) for _ in range(10) for work in (send, receive)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(PATIENCE_S)
+    close_threads([OwnedThread("bus", work) for _ in range(10) for work in (send, receive)], PATIENCE_S)
     assert len(received) == 500
     assert all(message is not None and message.equals(wanted, timestamp_delta=None) for message in received)
     assert receiver.recv(0) is None

@@ -15,6 +15,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_E
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
+from robrain.protocol.workers import OwnedThread, close_threads
 from tests.waiting import PATIENCE_S, until
 
 EVENT = {"robot": "r1", "plugin": "driver", "event": "arrived"}
@@ -175,16 +176,11 @@ def test_the_pool_answers_several_at_a_time(team):
     together = threading.Barrier(2, timeout=PATIENCE_S)
     robot.answer(ROBOT_CALL, lambda request: together.wait() >= 0, serve=Serve.POOL, robot="r1")
     replies = []
-    askers = [
-        threading.Thread(
-            target=lambda name=name: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function=name))
-        )
-        for name in ("a", "b")
-    ]
-    for asker in askers:
-        asker.start()
-    for asker in askers:
-        asker.join(PATIENCE_S)
+
+    def call(name: str) -> None:
+        replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function=name))
+
+    close_threads([OwnedThread("asker", call, name) for name in ("a", "b")], PATIENCE_S)
     assert replies == [b"true", b"true"]
 
 
@@ -210,13 +206,12 @@ def one_at_a_time(team):
         except CallError as error:
             outcomes[function] = error.code
 
-    first = threading.Thread(target=call, args=("first",))
-    first.start()
+    first = OwnedThread("first", call, "first")
     assert started.wait(PATIENCE_S)
     yield robot, call, outcomes, let_go
     let_go.set()
     robot.close()
-    first.join(PATIENCE_S)
+    first.close(PATIENCE_S)
 
 
 def test_when_all_threads_are_stuck_calls_are_refused_and_not_kept_waiting(one_at_a_time):
@@ -232,11 +227,10 @@ def test_when_all_threads_are_stuck_calls_are_refused_and_not_kept_waiting(one_a
 
 def test_the_end_waits_for_an_answer_that_is_being_made(one_at_a_time):
     robot, _, outcomes, let_go = one_at_a_time
-    closing = threading.Thread(target=robot.close)
-    closing.start()
+    closing = OwnedThread("closing", robot.close)
     until(lambda: robot.is_closed)
     let_go.set()
-    closing.join(PATIENCE_S)
+    closing.close(PATIENCE_S)
     until(lambda: outcomes.get("first") == b'"first"')
 
 
@@ -245,7 +239,7 @@ def test_the_end_does_not_wait_for_ever_for_an_answer_that_is_stuck(one_at_a_tim
     robot, _, outcomes, _ = one_at_a_time
     robot.close()
     (warning,) = caplog.messages
-    assert re.fullmatch(r"answers that do not come back are left behind: answer-robot_call-[12]", warning)
+    assert re.fullmatch(r"the thread answer-robot_call-[12] does not end, and is abandoned", warning)
     assert outcomes == {}
 
 

@@ -1,7 +1,5 @@
 """What is put, asked and declared between parties of which some do not hear each other."""
 
-import threading
-
 import pytest
 
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -14,6 +12,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_S
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.workers import OwnedThread
 
 CACHE = ROBOT_EVENT.cache
 
@@ -325,9 +324,8 @@ def test_party_without_a_radio_is_refused(team):
 def test_put_of_another_thread_goes_where_there_is_a_way(team):
     near, far = team.hear("coordinator", ROBOT_EVENT), team.hear("r2", ROBOT_EVENT)
     team.air.apart = {"r2"}
-    thread = threading.Thread(target=events(team), args=(1,))
-    thread.start()
-    thread.join()
+    thread = OwnedThread("thread", events(team), 1)
+    thread.close()
     assert texts(near) == [1]
     assert not texts(far)
     assert near.outside == 1

@@ -1,9 +1,9 @@
 import os
 import signal
-import threading
 
 import pytest
 
+from robrain.protocol.workers import OwnedThread
 from robrain.sim.lockstep import pacing
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 
@@ -82,7 +82,6 @@ def test_outside_of_the_main_thread_signals_are_left_alone():
         with StopOnInterrupt() as interrupt:
             seen.append((signal.getsignal(signal.SIGINT), interrupt.requested))
 
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
+    thread = OwnedThread("thread", run)
+    thread.close()
     assert seen == [(before, False)]
