@@ -415,23 +415,15 @@ def summary(*robots: RobotSummary) -> TeamState:
     return TeamState(robots=list(robots))
 
 
-def test_lease_counts_from_the_state_that_the_coordinator_heard_last(desk, explorer):
+@pytest.mark.parametrize(("is_heard", "until_s"), [(True, 33), (False, 5)])
+def test_lease_counts_from_the_state_that_the_coordinator_received_last(desk, explorer, is_heard, until_s):
     desk.offer(offer(lease_s=5.0), 0)
-    for second in range(1, 30):
-        desk.renew_lease(summary(RobotSummary(name="r1", up=True, age_s=1.0)), "r1", to_ns(second))
-        desk.check_lease(to_ns(second + 4))
-    assert explorer.let_go_of == []
-    desk.check_lease(to_ns(29 + 4) + 1)
-    assert desk.status.state is TaskState.CANCELLED
-
-
-def test_robot_that_hears_and_is_not_heard_lets_go_of_its_task(desk, explorer):
-    desk.offer(offer(lease_s=5.0), 0)
-    for second in range(1, 6):
-        desk.renew_lease(summary(RobotSummary(name="r1", up=False, age_s=float(second))), "r1", to_ns(second))
-        desk.check_lease(to_ns(second))
-    assert desk.status.state is TaskState.RUNNING
-    desk.check_lease(to_ns(5) + 1)
+    for second in range(1, 30 if is_heard else 6):
+        heard = RobotSummary(name="r1", up=is_heard, age_s=1.0 if is_heard else float(second))
+        desk.renew_lease(summary(heard), "r1", to_ns(second))
+        desk.check_lease(to_ns(second + 4 * is_heard))
+    assert (desk.status.state, explorer.let_go_of) == (TaskState.RUNNING, [])
+    desk.check_lease(to_ns(until_s) + 1)
     assert desk.status.state is TaskState.CANCELLED
 
 

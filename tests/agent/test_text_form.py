@@ -264,11 +264,7 @@ def test_a_call_is_taken_apart(text, arguments):
 
 @pytest.mark.parametrize(
     ("text", "question"),
-    [
-        ("list", Question("list")),
-        (" help ", Question("help")),
-        ("help driver", Question("help", "driver")),
-    ],
+    [("list", Question("list")), (" help ", Question("help")), ("help driver", Question("help", "driver"))],
 )
 def test_questions_are_understood(text, question):
     assert parse_command(text) == question

@@ -14,12 +14,7 @@ LATER_NS = START_NS + SILENT_NS + 1
 
 def elect(number: int, journal: str = "a", *, is_copy: bool = False, forced: bool = False, began_ns: int = 1):
     return WitnessRequest(
-        wish=WitnessWish.ELECT,
-        election=number,
-        journal=journal,
-        began_ns=began_ns,
-        is_copy=is_copy,
-        forced=forced,
+        wish=WitnessWish.ELECT, election=number, journal=journal, began_ns=began_ns, is_copy=is_copy, forced=forced
     )
 
 

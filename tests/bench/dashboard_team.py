@@ -19,23 +19,24 @@ from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, ARENA_TRUTH, ArenaTruth, Scan
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, RobotSummary, TeamState
-from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.energy_models import energy_model
 
 ROBOTS, MOTES = 100, 400
 SIZE_M = 60.0
 CELL_M = 0.2
-MODEL = EnergyModel(
-    coefficients=(8.0, 2.0, 5.0, 1.0, 4.0),
+MODEL = energy_model(
+    8.0,
+    2.0,
+    5.0,
+    1.0,
+    4.0,
     covariance=(0.01,) * 15,
     residual_w2_s=0.1,
-    drift_w2_per_s=0.0,
     relative_sd=0.1,
     path_ratio=1.1,
-    pace_m_s=0.5,
-    turn_rate_rad_s=1.0,
     packet_j=0.001,
     usable_j=6e4,
     power_w=12.0,

@@ -36,11 +36,11 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE
-from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.energy_models import energy_model
 
 STARTS = 7
 START_BOUND_S = 1.0
@@ -228,19 +228,17 @@ def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: f
     battery = BatteryState(
         voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=0.9, remaining_j=usable_j, remaining_low_j=usable_j
     )
-    energy = EnergyModel(
-        coefficients=(STANDING_W, 0.0, J_PER_M, 0.0, 0.0),
+    energy = energy_model(
+        STANDING_W,
+        0.0,
+        J_PER_M,
+        0.0,
+        0.0,
         covariance=(0.01, *([0.0] * 14)),
         residual_w2_s=1.0,
         drift_w2_per_s=1e-5,
         relative_sd=0.03,
-        path_ratio=1.0,
-        pace_m_s=0.5,
-        turn_rate_rad_s=1.0,
-        packet_j=0.0,
         usable_j=usable_j,
-        power_w=10.0,
-        usual_power_w=10.0,
     )
     pose = Pose2D(home.x_m, home.y_m, 0.0)
     return PlanningRobot(RobotState(robot=f"r{index}", pose=pose, battery=battery, energy=energy), None, chargers, home)

@@ -23,7 +23,7 @@ from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from tests.coordinator.conftest import TICK_S
+from tests.coordinator.conftest import TICK_S, Team
 from tests.plain_reason import Plain
 
 # -- handing out --------------------------------------------------------------------------------------------
@@ -310,9 +310,12 @@ def test_the_summary_comes_twice_a_second(team):
     assert all(after - before == to_ns(0.5) for before, after in itertools.pairwise(stamps))
 
 
-def test_all_is_explored_when_for_three_seconds_nobody_could_be_sent_anywhere(team):
+@pytest.mark.parametrize("empty_s", [0.0, 20.0])
+@pytest.mark.parametrize("draw", [Team.closed_room, lambda team: team.draw(0.0, 0.0, 12.0, 8.0)])
+def test_all_is_explored_when_for_three_seconds_nobody_could_be_sent_anywhere(team, draw, empty_s):
     team.robot("r1")
-    team.closed_room()
+    team.run(empty_s)
+    draw(team)
     team.run(2.5)
     assert not team.summary.all_explored
     team.run(1.5)
@@ -340,17 +343,6 @@ def test_as_long_as_a_robot_is_at_work_not_all_is_explored(team):
     assert team.summary.all_explored
 
 
-def test_an_empty_map_is_not_explored_however_late_it_fills(team):
-    team.robot("r1")
-    team.run(20.0)
-    assert not team.summary.all_explored
-    team.closed_room()
-    team.run(2.0)
-    assert not team.summary.all_explored
-    team.run(2.0)
-    assert team.summary.all_explored
-
-
 def test_with_no_robot_up_nothing_is_explored(team):
     robot = team.robot("r1")
     team.closed_room()
@@ -364,11 +356,17 @@ def test_with_no_robot_up_nothing_is_explored(team):
 # -- revising goals -----------------------------------------------------------------------------------------
 
 
-def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
+def revising(team, period_s):
+    """A robot in a corridor whose goal is revised; another one accepts nothing."""
+    team.coordinator.set_policy(PlanningPolicy(revise_s=period_s))
     robot = team.robot("r1", 4.0)
     team.robot("r2", 4.2).accepts = False
     team.corridor()
+    return robot
+
+
+def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
+    robot = revising(team, 1.0)
     team.run(1.0)
     first = robot.offers[0].task
     robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
@@ -393,10 +391,7 @@ def test_a_robot_that_explores_alone_keeps_its_goal(team):
 
 
 def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
-    robot = team.robot("r1", 4.0)
-    team.robot("r2", 4.2).accepts = False
-    team.corridor()
+    robot = revising(team, 1.0)
     team.run(1.0)
     first, robot.accepts = robot.task.id, False
     robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
@@ -407,10 +402,7 @@ def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
 
 
 def test_a_task_that_a_person_has_submitted_is_never_revised(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=0.5))
-    robot = team.robot("r1", 4.0)
-    team.robot("r2", 4.2).accepts = False
-    team.corridor()
+    robot = revising(team, 0.5)
     team.submit(Task(id="look", kind="explore", place=Point2D(3.0, robot.pose.y_m)))
     team.run(4.0)
     assert robot.task.id == "look"

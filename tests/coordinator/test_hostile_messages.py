@@ -28,10 +28,7 @@ def state(**fields) -> bytes:
 
 @pytest.mark.parametrize(
     "said",
-    [
-        state(pose={"x_m": 1e308, "y_m": 0.0, "yaw_rad": 0.0}),
-        state(task={"id": "t", "epoch": -1, "state": "done"}),
-    ],
+    [state(pose={"x_m": 1e308, "y_m": 0.0, "yaw_rad": 0.0}), state(task={"id": "t", "epoch": -1, "state": "done"})],
 )
 def test_a_state_with_absurd_numbers_is_refused_and_the_team_goes_on(team, said):
     robot = team.robot("r1")
@@ -147,38 +144,30 @@ def forged(robot, observed_ms, kind=OCCUPIED):
     return to_message(robot, GEOMETRY, PatchCells(0, 0, cells, observed_ms))
 
 
-def test_a_patch_from_the_future_changes_nothing(team):
+@pytest.mark.parametrize(
+    ("robot", "patch", "code", "why"),
+    [
+        ("r1", forged("r1", 20_000), "not_plausible", "claims to be observed 19.0 s from now"),
+        ("r1", forged("r1", 900), "not_plausible", "occupied"),  # more walls than it can have seen
+        (
+            "ghost",
+            to_message("ghost", GEOMETRY, PatchCells(0, 0, np.zeros((20, 20), np.int8), 900)),
+            "unknown_sender",
+            "",
+        ),
+    ],
+    ids=["future", "walls", "ghost"],
+)
+def test_an_invented_patch_changes_nothing(team, robot, patch, code, why):
     team.explore()
     known_m2 = team.summary.known_area_m2
-    team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 20_000))
-    team.run(4.0)
+    team.endpoint().publisher(ROBOT_MAP, robot=robot).put(patch)
+    team.run(4.0 if "future" in why else 0.6)
     summary = team.summary
-    assert summary.known_area_m2 == known_m2
-    assert not summary.all_explored
+    assert (summary.known_area_m2, summary.all_explored) == (known_m2, False)
     (found,) = summary.refused
-    assert (found.topic, found.code) == ("robot_map", "not_plausible")
-    assert "claims to be observed 19.0 s from now" in found.why
-
-
-def test_more_walls_than_a_robot_can_have_seen_in_one_patch_are_refused(team):
-    team.explore()
-    known_m2 = team.summary.known_area_m2
-    team.endpoint().publisher(ROBOT_MAP, robot="r1").put(forged("r1", 900))
-    team.run(0.6)
-    summary = team.summary
-    assert summary.known_area_m2 == known_m2
-    assert "occupied" in summary.refused[0].why
-
-
-def test_the_map_of_a_robot_that_is_not_there_is_not_taken(team):
-    team.explore()
-    known_m2 = team.summary.known_area_m2
-    cells = PatchCells(0, 0, np.zeros((20, 20), np.int8), 900)
-    team.endpoint().publisher(ROBOT_MAP, robot="ghost").put(to_message("ghost", GEOMETRY, cells))
-    team.run(0.6)
-    summary = team.summary
-    assert summary.known_area_m2 == known_m2
-    assert [(one.topic, one.code) for one in summary.refused] == [("robot_map", "unknown_sender")]
+    assert (found.topic, found.code) == ("robot_map", code)
+    assert why in found.why
 
 
 # -- forged epochs --------------------------------------------------------------------------------------------

@@ -91,11 +91,7 @@ def test_there_is_nothing_to_say_of_the_stock_plugins_and_the_examples():
 @pytest.mark.parametrize(
     ("text", "key", "message"),
     [
-        (
-            '[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true',
-            "tag",
-            "unknown key `shraed` (did you mean",
-        ),
+        ('[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true', "tag", "unknown key `shraed` (did you mean"),
         ('[plugin]\nclass = "lamps.Lamp"', "[plugin] class", "expected module:Class"),
         ("= broken", "file", "is not TOML"),
         ('[plugn]\nclass = "lamps:Lamp"\n[tag]\nshared = true', "file", "expected a table [plugin]"),  # passed over

@@ -8,13 +8,7 @@ from robrain.agent.authoring import testing
 from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.errors import PluginHung
 
-LOOPS = {
-    "module": "while True: pass",
-    "init": "",
-    "activate": "",
-    "step": "",
-    "shine": "",
-}
+LOOPS = {"module": "while True: pass", "init": "", "activate": "", "step": "", "shine": ""}
 
 
 def use_lamp(folder: Path) -> None:

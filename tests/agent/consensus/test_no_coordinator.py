@@ -70,9 +70,7 @@ def test_it_is_kept_once_more_than_half_of_the_team_has_it_and_is_done_once(lost
     assert not any(robot.consensus.known.asked or robot.consensus.known.done for robot in lost.robots)
 
 
-def test_the_same_again_changes_nothing_and_another_of_that_name_is_refused_with_the_difference(
-    lost: LostTeam,
-) -> None:
+def test_the_same_again_changes_nothing_and_another_of_that_name_is_refused_with_the_difference(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
     taken = kept(lost, visit())

@@ -303,13 +303,7 @@ CHAIN = """
     class Charts(Link, Skill): needs = ("pilot",)
     class Roam(Link, Behavior): needs = ("pilot", "charts")
 """
-NEEDS = {
-    "wheels": [],
-    "eyes": [],
-    "pilot": ["wheels", "eyes"],
-    "charts": ["pilot"],
-    "roam": ["pilot", "charts"],
-}
+NEEDS = {"wheels": [], "eyes": [], "pilot": ["wheels", "eyes"], "charts": ["pilot"], "roam": ["pilot", "charts"]}
 MOMENTS = [(plugin, moment) for plugin in NEEDS for moment in ("init", "activate", "activated")]
 
 

@@ -106,11 +106,23 @@ def bench(tmp_path):
     bench.close()
 
 
+@pytest.fixture
+def ranged(bench):
+    """Start a plugin that uses the ranger, with this code."""
+    return lambda code: bench.start(RANGED + code)
+
+
 def observed(bench, event):
     """What is told of an event, in order."""
     told = []
     event.add(told.append, bench.env.mailbox)
     return told
+
+
+def deliver(bench):
+    """Wait for an event of the plugin, and deliver it."""
+    assert bench.env.arrived.wait(PATIENCE_S)
+    bench.env.mailbox.deliver()
 
 
 def test_isolated_plugin_looks_like_the_real_one(bench):
@@ -160,55 +172,44 @@ def test_events_of_its_own_threads_are_told_as_well(bench):
         """)
     told = observed(bench, vision.ticked)
     vision.init()
-    assert bench.env.arrived.wait(PATIENCE_S)
-    bench.env.mailbox.deliver()
+    deliver(bench)
     assert told == [5]
 
 
-def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench):
+def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench, ranged):
     ranger = bench.env.others["ranger"] = Ranger()
-    vision = bench.start(
-        RANGED
-        + """
+    vision = ranged("""
     @external
     def look(self) -> Point2D: return self.ranger.measure(0.5, samples=3)
     @external
     def reach(self) -> float: return self.ranger.reach_m
-    """
-    )
+    """)
     assert vision.look() == Point2D(0.5, 3.0)
     assert ranger.thread is threading.current_thread()
     assert vision.reach() == 4.0
     assert bench.env.asked == [("ranger", RangerInterface)]
 
 
-def test_calls_from_its_own_threads_come_back_here_too(bench):
+def test_calls_from_its_own_threads_come_back_here_too(bench, ranged):
     bench.env.others["ranger"] = Ranger()
-    vision = bench.start(
-        RANGED
-        + """
+    vision = ranged("""
     looked = Event[Point2D]()
     @external
     def look_aside(self) -> None:
         threading.Thread(target=lambda: self.looked.notify(self.ranger.measure(0.5))).start()
-    """
-    )
+    """)
     told = observed(bench, vision.looked)
     vision.look_aside()
-    assert bench.env.arrived.wait(PATIENCE_S)
-    bench.env.mailbox.deliver()
+    deliver(bench)
     assert told == [Point2D(0.5, 1.0)]
 
 
-def test_events_of_lower_plugins_reach_it_in_its_turn(bench):
+def test_events_of_lower_plugins_reach_it_in_its_turn(bench, ranged):
     ranger = bench.env.others["ranger"] = Ranger()
-    vision = bench.start(
-        RANGED
-        + """
+    vision = ranged("""
     @external
     def all_heard(self) -> list[float]: return list(self.heard)
-    """
-    )
+    """)
     ranger.measured.notify(1.5)
     ranger.measured.notify(2.5)
     assert vision.all_heard() == []
@@ -223,15 +224,12 @@ def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     assert bench.plugins[0].pid is None
 
 
-def test_only_the_interface_is_offered_through_its_handles(bench):
+def test_only_the_interface_is_offered_through_its_handles(bench, ranged):
     bench.env.others["ranger"] = Ranger()
-    vision = bench.start(
-        RANGED
-        + """
+    vision = ranged("""
     @external
     def pry(self) -> None: self.ranger.thread
-    """
-    )
+    """)
     with pytest.raises(AccessDenied, match="thread is not in RangerInterface"):
         vision.pry()
 
@@ -265,7 +263,7 @@ def test_what_it_raises_is_raised_here(bench, raised, kind, text):
     assert vision.works()
 
 
-def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench):
+def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench, ranged):
     class OutOfReach(Exception):
         pass
 
@@ -274,13 +272,10 @@ def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_calle
             raise OutOfReach("nothing within 4 m")
 
     bench.env.others["ranger"] = BlindRanger()
-    vision = bench.start(
-        RANGED
-        + """
+    vision = ranged("""
     @external
     def look(self) -> Point2D: return self.ranger.measure(0.5)
-    """
-    )
+    """)
     with pytest.raises(PluginError, match="OutOfReach: nothing within 4 m") as caught:
         vision.look()
     assert caught.value.plugin == "vision"
@@ -359,8 +354,7 @@ def test_actions_are_told_of_the_end(bench, end, why):
         """)
     told = observed(bench, vision.ended)
     getattr(vision, end)()
-    assert bench.env.arrived.wait(PATIENCE_S)
-    bench.env.mailbox.deliver()
+    deliver(bench)
     assert told == [why]
 
 
@@ -378,20 +372,17 @@ def is_nobody_there(operator):
     return False
 
 
-def test_it_has_a_place_of_its_own_on_the_wire(bench):
+def test_it_has_a_place_of_its_own_on_the_wire(bench, ranged):
     with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub:
         operator = Endpoint(hub, "default", LiveClock(), Drive.LIVE)
         bench.env = StandInEnvironment(connect=tuple(listening_at(hub)))
         bench.env.others["ranger"] = Ranger()
-        vision = bench.start(
-            RANGED
-            + """
+        vision = ranged("""
     def init(self):
         from robrain.protocol.messages.robots.plugin_messages import ROBOT_FOREIGN_CALL
         self.env.answer(ROBOT_FOREIGN_CALL, self.tell, robot=self.env.robot, plugin="vision", function="tell")
     def tell(self, request): return msgspec.json.encode([os.getpid(), self.ranger.measure(0.5).x_m])
-    """
-        )
+    """)
         assert msgspec.json.decode(ask_when_there(operator)) == [vision.pid, 0.5]
         vision.deactivate()
         until(lambda: is_nobody_there(operator))  # the hub hears on a thread of its own that the process has left

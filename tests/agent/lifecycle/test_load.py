@@ -3,6 +3,7 @@
 import gc
 import sys
 import threading
+import traceback
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,15 @@ def test_a_plugin_is_loaded_by_name_with_what_it_requires(lab):
     assert lab.plugin("shade").heard == 3
 
 
+def test_where_a_thread_is_in_a_plugin_is_known_while_it_is_there(lab, monkeypatch):
+    lab.manager.load("shade")
+    lamp, found = lab.manager.get("lamp"), []
+    monkeypatch.setattr(lamp.plugin.switched, "notify", lambda _to: found.append(lamp.stuck_at()))
+    lab.call("shade", "dim", [3])
+    assert "switch" in [frame.name for stuck in found for frame in traceback.extract_tb(stuck)]
+    assert lamp.stuck_at() is None
+
+
 def test_a_plugin_is_loaded_by_the_path_of_its_manifest(lab, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (elsewhere / "extra.py").write_text((lab.place / "lab.py").read_text())
@@ -146,18 +156,17 @@ def test_a_folder_without_a_manifest_is_refused(lab, tmp_path_factory):
         lab.manager.load(str(tmp_path_factory.mktemp("empty")))
 
 
-def test_a_missing_requirement_is_named_with_the_whole_way_to_it(lab):
+@pytest.mark.parametrize(
+    ("requires", "kind", "why"),
+    [
+        (["lamp", "ghost"], PluginMissing, r"b requires ghost, which is in no place \(a → b → ghost\)"),
+        (["a"], PluginError, "requires itself: a → b → a"),
+    ],
+)
+def test_a_missing_requirement_and_a_cycle_are_named_with_the_whole_path(lab, requires, kind, why):
     lab.manifest("a", "lab:Room", requires=["b"])
-    lab.manifest("b", "lab:Shade", requires=["lamp", "ghost"])
-    with pytest.raises(PluginMissing, match=r"b requires ghost, which is in no place \(a → b → ghost\)"):
-        lab.manager.load("a")
-    assert states(lab) == {"base": "active"}
-
-
-def test_a_cycle_is_named_with_its_whole_path(lab):
-    lab.manifest("a", "lab:Room", requires=["b"])
-    lab.manifest("b", "lab:Shade", requires=["a"])
-    with pytest.raises(PluginError, match="requires itself: a → b → a"):
+    lab.manifest("b", "lab:Shade", requires=requires)
+    with pytest.raises(kind, match=why):
         lab.manager.load("a")
     assert states(lab) == {"base": "active"}
 

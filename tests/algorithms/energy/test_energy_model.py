@@ -5,26 +5,13 @@ from hypothesis import strategies as st
 
 from robrain.protocol.model.energy_model import (
     EnergyEstimate,
-    EnergyModel,
     Work,
     estimate,
     integrals,
 )
+from tests.energy_models import energy_model
 
-MODEL = EnergyModel(
-    coefficients=(8.0, 0.5, 10.0, 2.0, 8.0),
-    covariance=(0.0,) * 15,
-    residual_w2_s=0.0,
-    drift_w2_per_s=0.0,
-    relative_sd=0.0,
-    path_ratio=1.0,
-    pace_m_s=0.5,
-    turn_rate_rad_s=1.0,
-    packet_j=0.001,
-    usable_j=1e5,
-    power_w=10.0,
-    usual_power_w=10.0,
-)
+MODEL = energy_model(8.0, 0.5, 10.0, 2.0, 8.0, packet_j=0.001)
 AMOUNTS = st.floats(0.0, 1e4)
 WORKS = st.builds(Work, AMOUNTS, AMOUNTS, AMOUNTS, st.integers(0, 1000), st.none() | st.floats(0.05, 2.0))
 

@@ -6,7 +6,7 @@ system's hands; the connection that wrote them is abandoned without a close.
 
 import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -301,6 +301,20 @@ def statements_of_the_script(folder: Path) -> int:
     return count
 
 
+def kills_in(world: World, script: Sequence[Callable[[World], None]], at: int) -> int:
+    """Run a script with a kill at a statement; the number of kills."""
+    kills, world.disk.fuse.left = 0, at
+    for step in script:
+        if world.is_killed_in(lambda step=step: step(world)):
+            kills += 1
+            for settle in FINISH:  # the coordinator starts again, hears the robots, and goes on where it was
+                settle(world)
+            world.check()
+            step(world)  # whoever asked and got no answer asks again
+    world.disk.fuse.left = None
+    return kills
+
+
 def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,17 +326,7 @@ def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
         folder = tmp_path / str(at)
         folder.mkdir()
         world = World(folder)
-        kills = 0
-        world.disk.fuse.left = at
-        for step in SCRIPT:
-            if world.is_killed_in(lambda step=step, world=world: step(world)):
-                kills += 1
-                for settle in FINISH:  # the coordinator starts again, hears the robots, and goes on where it was
-                    settle(world)
-                world.check()
-                step(world)  # whoever asked and got no answer asks again
-        world.disk.fuse.left = None
-        assert kills == 1
+        assert kills_in(world, SCRIPT, at) == 1
         world.check()
         states = {record.task.id: record.state for record in world.book.journal.select(TaskFilter())}
         assert set(states) == {"t1", "t2", "t3"}
@@ -341,16 +345,7 @@ def test_a_kill_while_a_robot_goes_from_one_task_to_the_next_loses_neither(
         folder = tmp_path / str(at)
         folder.mkdir()
         world = World(folder)
-        world.disk.fuse.left = at
-        was_killed = False
-        for step in NEXT:
-            if world.is_killed_in(lambda step=step, world=world: step(world)):
-                was_killed = True
-                for settle in FINISH:
-                    settle(world)
-                world.check()
-                step(world)
-        world.disk.fuse.left = None
+        was_killed = kills_in(world, NEXT, at) > 0
         for settle in [*FINISH, *(lambda world, name=name: world.withdraw(name) for name in ROBOTS)]:
             settle(world)
         world.check()

@@ -12,16 +12,16 @@ from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.candidate import Candidate, Following
 from robrain.coordinator.leadership.election import Elected, Election, Won
-from robrain.coordinator.leadership.leadership import ElectedLeadership
+from robrain.coordinator.leadership.leadership import ElectedLeadership, JournalFeed
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.errors import CallError, NobodyThere
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
-from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS
+from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, Lead, WitnessRefusal, WitnessReply
 from robrain.protocol.messages.tasks import task_messages
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import KnownRobot
-from robrain.protocol.messages.team.team_messages import RobotSummary
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -74,9 +74,11 @@ class Pair:
         self.coordinator = Coordinator(self.endpoint(COORDINATOR), self.journal, elected=elected)
         self.coordinator.step()
 
-    def join(self) -> None:
+    def join(self, time_s: float = 1.0) -> None:
+        """A candidate follows, for this time."""
         wire = self.endpoint(OTHER)
         self.candidate = Candidate(wire, self.copy, OTHER, Election(wire, (WITNESS,), self.copy.name))
+        self.run(time_s)
 
     def run(self, time_s: float) -> None:
         for _ in range(round(time_s / TICK_S)):
@@ -125,7 +127,6 @@ def test_one_that_joins_late_copies_all_that_there_is_and_then_follows(pair: Pai
     r1, r2 = (KnownRobot(5, False, RobotSummary(name=name, up=False, age_s=3.0)) for name in ("r1", "r2"))
     pair.journal.record_robots({"r1": r1})
     pair.join()
-    pair.run(1.0)
     assert pair.following is Following.IN_STEP
     assert pair.is_same()
     assert pair.copy.robots == {"r1": r1}
@@ -139,7 +140,6 @@ def test_one_that_joins_late_copies_all_that_there_is_and_then_follows(pair: Pai
 
 def test_a_task_is_acknowledged_once_the_other_disk_has_it_and_not_before(pair: Pair) -> None:
     pair.join()
-    pair.run(1.0)
     assert not pair.submit("t1")
     assert pair.copy.find("t1") is None
     pair.run(2 * TICK_S)
@@ -150,16 +150,70 @@ def test_a_task_is_acknowledged_once_the_other_disk_has_it_and_not_before(pair: 
 def test_a_cancellation_is_acknowledged_once_the_other_disk_has_it(pair: Pair) -> None:
     assert pair.submit("t1")
     pair.join()
-    pair.run(1.0)
     with pytest.raises(CallError, match="no reply in time"):
         pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1"), timeout_s=NOT_NOW_S)
     pair.run(2 * TICK_S)
     assert pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1")) == pair.copy.find("t1")
 
 
+def test_a_submission_that_the_other_disk_may_lack_is_answered_with_the_reason(pair: Pair, monkeypatch) -> None:
+    monkeypatch.setattr(JournalFeed, "when_kept", lambda _feed, _on_kept, on_lost: on_lost("another may lead"))
+    asked = TaskSubmission(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)))
+    with pytest.raises(CallError, match=r"^task t1 may get lost: another may lead; ask again$") as lost:
+        pair.asker.ask(task_messages.TASK_SUBMIT, asked)
+    assert (lost.value.code, lost.value.detail) == (ErrorCode.FAILED, "another may lead")
+
+
+def test_a_coordinator_that_ends_loses_pending_answers_and_follows_its_journal_no_more(pair: Pair) -> None:
+    pair.join()
+    assert not pair.submit("t1")
+    feed, kept, lost = pair.coordinator.part(ElectedLeadership).feed, [], []
+    feed.when_kept(lambda: kept.append(1), lost.append)
+    feed.close()
+    assert (kept, lost) == ([], ["this coordinator ends, and another may lead"])
+    before = feed.status()
+    assert (before.in_step, before.why) == (False, "the coordinator ends")
+    pair.submit("t2")
+    assert feed.status() == before
+
+
+@pytest.mark.parametrize(
+    ("election", "journal", "is_suspended", "leads"),
+    [(2, "x", False, False), (1, "x", False, False), (2, "x", True, True), (0, "x", False, True), (1, "", False, True)],
+)
+def test_a_coordinator_ends_for_another_that_was_elected_later_or_with_a_copied_journal(
+    pair: Pair, election: int, journal: str, is_suspended: bool, leads: bool
+) -> None:
+    pair.run(0.5)
+    lead = Lead(election=election, journal=journal or pair.journal.name, is_suspended=is_suspended)
+    pair.endpoint().publisher(COORDINATOR_STATE).put(TeamState(robots=[], lead=lead))
+    pair.run(0.1)
+    mandate = pair.coordinator.part(ElectedLeadership).mandate
+    assert mandate.leads(pair.clock.now_ns()) is leads
+    assert mandate.superseded == ("" if leads else f"another coordinator leads, by election {election}")
+
+
+def test_a_candidate_that_learns_of_a_later_election_stands_in_the_one_after_it() -> None:
+    clock, names, asked = VirtualClock(to_ns(9.0)), ("r1", "r2", "r3"), []
+    wire = Endpoint(shared_session(), "elects", clock, Drive.LOCKSTEP)
+
+    def vote(request) -> WitnessReply:
+        asked.append(request.asked.election)
+        return WitnessReply(refusal=WitnessRefusal.OUTVOTED if asked[-1] <= 7 else None, election=max(7, asked[-1]))
+
+    for name in names:
+        wire.answer(ROBOT_WITNESS, vote, robot=name)
+    election, won = Election(wire, names, "journal"), None
+    while won is None:
+        won = election.step(clock.now_ns(), is_copy=False)
+        clock.advance_to(clock.now_ns() + to_ns(TICK_S))
+    assert asked == [1] * 3 + [8] * 3
+    assert won.election == 8
+    wire.close()
+
+
 def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: Pair) -> None:
     pair.join()
-    pair.run(1.0)
     cut = FaultSpec(robot=OTHER, kind=FaultKind.PARTITION, at_s=0.0)
     pair.faults.begin(1, cut)
     pair.waiting = ["t1"]
@@ -180,7 +234,6 @@ def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: 
 
 def test_a_full_disk_of_the_one_that_stands_by_stops_it_and_not_the_coordinator(pair: Pair) -> None:
     pair.join()
-    pair.run(1.0)
     pair.other_disk.is_full = True
     pair.waiting = ["t1"]
     pair.run(2.0)
@@ -195,7 +248,6 @@ def test_a_full_disk_of_the_one_that_stands_by_stops_it_and_not_the_coordinator(
 
 def test_a_full_disk_of_the_coordinator_acknowledges_nothing_and_copies_nothing(pair: Pair) -> None:
     pair.join()
-    pair.run(1.0)
     pair.disk.is_full = True
     assert not pair.submit("t1")
     pair.run(1.0)
@@ -204,7 +256,7 @@ def test_a_full_disk_of_the_coordinator_acknowledges_nothing_and_copies_nothing(
 
 
 def test_a_coordinator_that_begins_anew_is_copied_anew(pair: Pair) -> None:
-    pair.join()
+    pair.join(0.0)
     pair.submit("t1")
     pair.run(1.0)
     pair.disk.pull()
@@ -251,7 +303,7 @@ def test_a_copy_in_step_has_all_that_was_acknowledged(seed, faults, joins_after)
     pair = Pair(seed)
     for number in range(joins_after):
         pair.submit(f"before{number}")
-    pair.join()
+    pair.join(0.0)
     for place, (kind, time_s, tasks) in enumerate(faults):
         options = {
             FaultKind.LOSE: {"share": 0.5},

@@ -62,10 +62,15 @@ class Team:
             self.run.tick()
             assert len(self.run.leading()) < 2
             for name in sorted(self._waiting):
-                self.submit(name)
+                self._ask(name)
 
-    def submit(self, name: str) -> None:
-        """Ask, and in the next ticks again, until the task is acknowledged."""
+    def submit(self, name: str, *, run_s: float = 0.0) -> None:
+        """Ask, and in the next ticks again, until the task is acknowledged; then let this time pass."""
+        self._ask(name)
+        if run_s:
+            self.pass_s(run_s)
+
+    def _ask(self, name: str) -> None:
         self._waiting.add(name)
         asked = TaskSubmission(task=Task(id=name, kind="visit", place=Point2D(5.0, 5.0)))
         try:
@@ -143,8 +148,7 @@ def test_robots_that_are_switched_off_one_by_one_do_not_suspend_it(team: Team) -
         team.run.processes[name].set(100 + number, kill, begins=True)
     team.pass_s(5.0)
     assert team.run.leading() == [COORDINATOR]
-    team.submit("t1")
-    team.pass_s(1.0)
+    team.submit("t1", run_s=1.0)
     assert team.acknowledged == ["t1"]
 
 
@@ -170,8 +174,7 @@ def test_one_that_takes_over_listens_before_its_first_offer(team: Team) -> None:
 
 
 def test_the_loss_of_the_first_loses_nothing_that_was_acknowledged(team: Team) -> None:
-    team.submit("t1")
-    team.pass_s(1.0)
+    team.submit("t1", run_s=1.0)
     team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(8.0)
     assert team.run.leading() == [OTHER]
@@ -209,8 +212,7 @@ def test_a_stand_by_that_could_not_be_elected_is_not_depended_on(team: Team) -> 
     team.pass_s(5.0)
     team.run.team_faults.set(2, FaultSpec(robot=OTHER, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.pass_s(5.0)
-    team.submit("t1")
-    team.pass_s(1.0)
+    team.submit("t1", run_s=1.0)
     assert team.acknowledged == ["t1"]
     assert team.run.leading() == [COORDINATOR]
 
@@ -252,8 +254,7 @@ def test_a_witness_with_an_absurd_number_is_left_alone(team: Team) -> None:
     assert team.run.host("r1").extensions["witness"].answer(absurd, team.run.now_ns + to_ns(3.0)).refusal is None
     with team.cut(OTHER):
         team.pass_s(3.0)
-        team.submit("t1")
-        team.pass_s(2.0)
+        team.submit("t1", run_s=2.0)
         assert team.acknowledged == ["t1"]
     team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=True)
     team.run.team_faults.set(1, FaultSpec(robot=COORDINATOR, kind=FaultKind.KILL, at_s=0.0), begins=False)
@@ -271,8 +272,7 @@ def test_a_witness_that_could_not_store_its_answer_is_asked_again(team: Team) ->
         memory.write = refuse
     with team.cut(OTHER):
         team.pass_s(3.0)
-        team.submit("t1")
-        team.pass_s(1.0)
+        team.submit("t1", run_s=1.0)
         assert team.acknowledged == []
         for name, memory in team.run.memories.items():
             memory.write = writes[name]
@@ -287,6 +287,14 @@ def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: 
     assert not election.is_forced
 
 
+def lose(team: Team, *names: str) -> None:
+    """These are killed, and nobody leads any more."""
+    for name in names:
+        kill(team, name)
+    team.pass_s(8.0)
+    assert team.run.leading() == []
+
+
 def lead_by_word(team: Team) -> list[str]:
     return team._wire.ask(COORDINATOR_LEAD, LeadRequest(by="ann")).skipped
 
@@ -294,8 +302,7 @@ def lead_by_word(team: Team) -> list[str]:
 def test_by_the_operators_word_one_leads_whose_journal_may_lack_something(team: Team) -> None:
     with team.cut(OTHER):
         team.pass_s(2.0)
-        team.submit("t1")
-        team.pass_s(1.0)
+        team.submit("t1", run_s=1.0)
         assert team.journals() == [{FIRST}] * 3
     kill(team, COORDINATOR)
     team.pass_s(8.0)
@@ -307,23 +314,17 @@ def test_by_the_operators_word_one_leads_whose_journal_may_lack_something(team: 
 
 
 def test_by_the_operators_word_one_leads_without_the_witnesses_that_are_gone(team: Team) -> None:
-    for name in (COORDINATOR, "r2", "r3"):
-        kill(team, name)
-    team.pass_s(8.0)
-    assert team.run.leading() == []
+    lose(team, COORDINATOR, "r2", "r3")
     assert lead_by_word(team) == ["r2", "r3"]
     team.pass_s(5.0)
     assert team.run.leading() == [OTHER]
-    team.submit("t1")
-    team.pass_s(1.0)
+    team.submit("t1", run_s=1.0)
     assert team.acknowledged == ["t1"]
     assert team.journals()[0] == {SECOND}
 
 
 def test_a_witness_that_is_back_counts_again(team: Team) -> None:
-    for name in (COORDINATOR, "r2", "r3"):
-        kill(team, name)
-    team.pass_s(8.0)
+    lose(team, COORDINATOR, "r2", "r3")
     lead_by_word(team)
     team.pass_s(5.0)
     for name in ("r2", "r3"):
@@ -338,10 +339,7 @@ def test_a_witness_that_is_back_counts_again(team: Team) -> None:
 
 
 def test_by_the_operators_word_one_that_lost_its_witnesses_leads_again(team: Team) -> None:
-    for name in (OTHER, "r2", "r3"):
-        kill(team, name)
-    team.pass_s(8.0)
-    assert team.run.leading() == []
+    lose(team, OTHER, "r2", "r3")
     assert lead_by_word(team) == ["r2", "r3"]
     team.pass_s(4.0)
     assert team.run.leading() == [COORDINATOR]

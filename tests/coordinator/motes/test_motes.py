@@ -1,5 +1,7 @@
 """Motes as members of the team: what they do in place of robots, and what becomes of it when they fall silent."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from robrain.algorithms.motes.mote_energy import CAPACITY_J, FLAT_V, FRESH_V
@@ -18,25 +20,15 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_GET, TASK_WHY, TaskRequest, TaskWhy
-from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.conftest import TICK_S
+from tests.energy_models import energy_model
+from tests.plain_reason import Plain
 
 PLACE = Point2D(6.5, 4.0)
-MODEL = EnergyModel(
-    coefficients=(8.0, 0.5, 7.5, 1.25, 8.0),
-    covariance=(0.0,) * 15,
-    residual_w2_s=0.0,
-    drift_w2_per_s=0.0,
-    relative_sd=0.0,
-    path_ratio=1.0,
-    pace_m_s=0.5,
-    turn_rate_rad_s=1.2,
-    packet_j=0.0008,
-    usable_j=60_000.0,
-    power_w=12.0,
-    usual_power_w=11.0,
+MODEL = energy_model(
+    8.0, 0.5, 7.5, 1.25, 8.0, turn_rate_rad_s=1.2, packet_j=0.0008, usable_j=6e4, power_w=12.0, usual_power_w=11.0
 )
 
 
@@ -140,12 +132,23 @@ def test_a_verdict_of_each_member_says_what_share_of_its_energy_it_would_take(fi
     assert verdicts["r1"].energy_j > 1000 * verdicts["m1"].energy_j
 
 
-def test_mote_whose_cells_are_nearly_flat_is_spared(field):
-    field.mote(voltage_v=FLAT_V + 1e-7)
+@pytest.mark.parametrize(
+    ("voltage_v", "silent_s", "kind", "parameters", "robot"),
+    [
+        (3.0, 0.0, "sense", {"mote": "m1"}, "mote:m1"),  # the one that is named, wherever it is
+        (FLAT_V + 1e-7, 0.0, "sense", {"mote": "m1"}, "r1"),
+        (3.0, 20.0, "sense", {"mote": "m1"}, "r1"),
+        (3.0, 0.0, "monitor", {"duration_s": 20.0}, "r1"),  # with pictures
+    ],
+)
+def test_a_robot_does_what_no_mote_can(field, voltage_v, silent_s, kind, parameters, robot):
+    mote = field.mote("m1", Point2D(4.0, 3.0), voltage_v=voltage_v)
     field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE))
-    field.run(1.5)
-    assert field.get("s").robot == "r1"
+    mote.speaks = not silent_s
+    field.run(silent_s)
+    field.team.submit(Task(id="t", kind=kind, place=PLACE, parameters=parameters))
+    field.run(2.0)
+    assert field.get("t").robot == robot
 
 
 def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
@@ -205,16 +208,17 @@ def test_what_a_mote_cannot_do_it_is_not_asked_for(field, task, why):
     assert why in next(one.refusal for one in verdicts if one.robot == "m1")
 
 
-def test_mote_that_was_last_heard_long_ago_is_out_of_reach(field):
-    mote = field.mote()
-    field.run(2.0)
-    known = field.team.coordinator.part(MoteMembers).table.motes["m1"]
-    assert known.out_of_reach_reason(field.team.coordinator.roster, field.team.clock.now_ns()) is None
-    mote.speaks = False
-    field.run(20.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE))
-    field.run(1.5)
-    assert field.get("s").robot == "r1"
+@pytest.mark.parametrize(("period_s", "silent_s"), [(1.0, 5.0), (8.0, 24.0), (None, 12.0)])
+def test_a_mote_is_out_of_reach_after_three_of_its_periods_but_not_within_five_seconds(period_s, silent_s):
+    reading = MoteReading(
+        mote="m1", place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="gateway", period_s=period_s
+    )
+    roster, table = SimpleNamespace(robots={}), MoteTable()
+    table.record(reading, to_ns(1.0))
+    mote = table.motes["m1"]
+    assert mote.out_of_reach_reason(roster, to_ns(1.0 + silent_s)) is None
+    reason = mote.out_of_reach_reason(roster, to_ns(1.1 + silent_s))
+    assert reason == Plain("mote_silent", silent_s=silent_s + 0.1)
 
 
 def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(field):
@@ -229,14 +233,6 @@ def test_mote_monitors_at_the_interval_asked_for_and_has_its_own_back_after(fiel
     assert 15 <= record.result["rounds"] <= 22
     assert record.result["least"] < record.result["greatest"]
     assert mote.period_s == 4.0
-
-
-def test_monitoring_with_pictures_is_for_robots(field):
-    field.mote()
-    field.run(2.0)
-    field.team.submit(Task(id="w", kind="monitor", place=PLACE, parameters={"duration_s": 20.0}))
-    field.run(2.0)
-    assert field.get("w").robot == "r1"
 
 
 def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
@@ -328,14 +324,6 @@ def test_stored_reading_from_before_the_task_does_not_count(field):
     assert field.get("s").state is TaskState.RUNNING
     field.run(8.0)
     assert field.get("s").result["value"] != 99.0
-
-
-def test_task_for_a_named_mote_is_that_mote_s_wherever_it_is(field):
-    field.mote("m2", Point2D(4.0, 3.0))
-    field.run(2.0)
-    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"mote": "m2"}))
-    field.run(5.0)
-    assert field.get("s").robot == "mote:m2"
 
 
 def test_share_is_of_what_a_member_has_left():

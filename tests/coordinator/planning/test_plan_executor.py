@@ -208,21 +208,20 @@ def test_while_the_plan_stays_the_same_what_is_left_out_is_looked_at_every_five_
     assert office.told[1:] == [("t1", lacks("r1", 20.0))]
 
 
-@pytest.mark.parametrize(("late_ns", "state"), [(0, TaskState.QUEUED), (1, TaskState.FAILED)])
-def test_a_task_without_a_deadline_that_is_left_out_for_too_long_has_failed(office, late_ns, state):
-    office.add("t1")
+@pytest.mark.parametrize(
+    ("deadline", "after_ns", "state"),
+    [
+        ({}, to_ns(GIVE_UP_S), TaskState.QUEUED),
+        ({}, to_ns(GIVE_UP_S) + 1, TaskState.FAILED),
+        ({"deadline_ns": to_ns(10 * GIVE_UP_S)}, to_ns(2 * GIVE_UP_S), TaskState.QUEUED),
+    ],
+)
+def test_a_task_that_is_left_out_waits_for_its_deadline_or_fails_after_a_while(office, deadline, after_ns, state):
+    office.add("t1", **deadline)
     office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
-    office.step(to_ns(GIVE_UP_S) + late_ns)
+    office.step(after_ns)
     assert office.state("t1") is state
-    assert office.told[-1][1] == (Plain("gave_up") if late_ns else lacks("r1", 20.0))
-
-
-def test_a_task_with_a_deadline_waits_for_that(office):
-    office.add("t1", deadline_ns=to_ns(10 * GIVE_UP_S))
-    office.plan.left_out = {"t1": Unplanned(lacks("r1", 20.0), 0)}
-    office.step(to_ns(2 * GIVE_UP_S))
-    assert office.state("t1") is TaskState.QUEUED
-    assert office.told[-1][1] == lacks("r1", 20.0)
+    assert office.told[-1][1] == (Plain("gave_up") if state is TaskState.FAILED else lacks("r1", 20.0))
 
 
 def test_nothing_is_told_of_a_task_that_is_gone_begun_or_paused(office):

@@ -68,6 +68,12 @@ def idle(draft):
     return _with_orders(draft, [tuple(job for job in jobs if job in pinned) for jobs in draft.plan.orders])
 
 
+def silent(draft):
+    """The same plan, without the reasons."""
+    left = tuple(msgspec.structs.replace(one, reason=None) for one in draft.plan.unassigned)
+    return msgspec.structs.replace(draft, plan=msgspec.structs.replace(draft.plan, unassigned=left))
+
+
 def broken(draft):
     raise ZeroDivisionError("by hand")
 
@@ -89,7 +95,7 @@ BAD = {
 
 @pytest.fixture
 def last_first(install, monkeypatch):  # noqa: F811
-    names = {name: f"last_first:{name}" for name in ("last_first", "changed", *BAD)}
+    names = {name: f"last_first:{name}" for name in ("last_first", "changed", "silent", *BAD)}
     install("last-first", names, {"last_first.py": LAST_FIRST}, PASSES.group)
     stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
     fresh = Registry(PASSES.what, PASSES.group, stock, has_files=True)  # as in a new process
@@ -178,6 +184,13 @@ def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):
     assert made.plan.orders == solver("early_start").plan.orders
     assert made.problem is not None
     assert made.failures == ()
+
+
+def test_jobs_that_a_pass_leaves_out_without_a_reason_keep_the_reason_that_they_had(last_first):
+    asked = problem(job("a", 1), msgspec.structs.replace(job("b", 2), latest_s=0.0))
+    made = PlanSolver(asked, PlanningPolicy(method="auction", passes=("silent",)))
+    (left,) = made.plan.unassigned
+    assert (left.job, left.reason is None, made.failures) == ("b", False, ())
 
 
 def test_a_recorded_plan_is_made_again_with_its_passes(last_first):

@@ -11,11 +11,11 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import task_messages
 from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
-from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.planning.snapshots import open_floor_snapshot
+from tests.energy_models import energy_model
 from tests.plain_reason import Plain
 
 PLACE = Point2D(2.0, 3.0)
@@ -97,11 +97,22 @@ def test_whatever_a_task_may_say_does_not_keep_others_from_being_planned(method,
     assert not caplog.records
 
 
-MODEL = EnergyModel(
-    coefficients=(8.0, 0.5, 7.5, 1.25, 8.0), covariance=(0.0,) * 15, residual_w2_s=4.0, drift_w2_per_s=0.0003,
-    relative_sd=0.03, path_ratio=1.02, pace_m_s=0.5, turn_rate_rad_s=1.2, packet_j=0.0008, usable_j=240000.0,
-    power_w=12.5, usual_power_w=11.0,
-)  # fmt: skip
+MODEL = energy_model(
+    8.0,
+    0.5,
+    7.5,
+    1.25,
+    8.0,
+    residual_w2_s=4.0,
+    drift_w2_per_s=0.0003,
+    relative_sd=0.03,
+    path_ratio=1.02,
+    turn_rate_rad_s=1.2,
+    packet_j=0.0008,
+    usable_j=240000.0,
+    power_w=12.5,
+    usual_power_w=11.0,
+)
 
 
 @pytest.mark.parametrize(
@@ -140,11 +151,9 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
 def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team, field):
     team.robot("r1")
     team.run(0.5)
+    asked = TaskSubmission(task=task_with("bad", Point2D(6.0, 4.0), **{field: HUGE[field]}))
     with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
-        team.ask(
-            task_messages.TASK_SUBMIT,
-            TaskSubmission(task=task_with("bad", Point2D(6.0, 4.0), **{field: HUGE[field]})),
-        )
+        team.ask(task_messages.TASK_SUBMIT, asked)
     assert team.states() == {}
 
 

@@ -1,7 +1,6 @@
 """The process that makes plans: killed, stopped, interrupted, left alone, it costs the coordinator no question."""
 
 import contextlib
-import logging
 import os
 import signal
 import subprocess
@@ -13,7 +12,6 @@ import pytest
 
 from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProcess
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.backoff import Backoff
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
 
@@ -79,24 +77,6 @@ def test_a_process_outlives_an_interrupt_is_replaced_when_it_is_killed_idle_or_a
     assert "Traceback" not in capfd.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_process_that_never_answers_is_replaced_and_the_last_question_asked_again(planner, made, caplog, monkeypatch):
-    planner.ask(open_floor_snapshot(1, 3), SHORT)
-    next_plan(planner, made)
-    until(lambda: not planner.is_busy)
-    stopped = planner.pid
-    os.kill(stopped, signal.SIGSTOP)
-    with monkeypatch.context() as patch:  # for the stopped one alone: the next may be slow, and is to stay
-        patch.setattr("robrain.coordinator.planning.live_planner.GRACE_S", 2.0)
-        for number in range(2, 5):
-            planner.ask(open_floor_snapshot(number, 3), SHORT)
-        until(lambda: planner.pid not in (stopped, None))
-    assert next_plan(planner, made)[-1].problem.plan == 4
-    assert planner.pid != stopped
-    assert has_ended(stopped)
-    assert "has sent nothing for 2.2 s" in caplog.text
-
-
 def open_links():
     """The sockets and pipes that this process has open, by their inodes: descriptors are given to others again."""
     found = set()
@@ -135,16 +115,3 @@ def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_sea
         parent.kill()
         parent.communicate()
     until(lambda: has_ended(searching) and has_ended(stopped))
-
-
-@pytest.mark.slow
-def test_a_planner_that_cannot_be_started_is_tried_again_and_says_so(planner, made, caplog, monkeypatch):
-    caplog.set_level(logging.WARNING)
-    monkeypatch.setattr("robrain.coordinator.planning.live_planner.FIRST_PAUSE_S", 0.01)
-    monkeypatch.setattr(planner, "_backoff", Backoff(0.01, 0.01))
-    with monkeypatch.context() as patch:
-        patch.setattr(sys, "executable", "/nonexistent/python")
-        planner.prepare()
-        until(lambda: "cannot be started" in caplog.text)
-    planner.ask(open_floor_snapshot(1, 3), SHORT)
-    assert next_plan(planner, made)[-1].problem.plan == 1

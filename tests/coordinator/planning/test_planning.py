@@ -2,10 +2,12 @@
 
 from itertools import pairwise
 
+import msgspec
 import pytest
 
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.snapshot_builder import SnapshotBuilder
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks import plan_messages
@@ -97,6 +99,31 @@ def test_plans_do_not_change_hands_for_next_to_nothing(team, ears):
     for one in ears.decided():
         whose.setdefault(one.task, []).append(one.robots[0])
     assert all(len(robots) <= 2 for robots in whose.values()), whose
+
+
+def test_a_robot_that_newly_reports_the_end_of_its_task_has_the_plan_checked(team, ears):
+    robot = team.settle("r1", 4.0)
+    team.submit(visit("first"))
+    team.submit(visit("later"), earliest_in_s=60.0)
+    team.run(1.0)
+    ears.asked()
+    for remaining_s, causes in ((30.0, []), (2.0, ["r1 is about to end first"]), (1.5, []), (1.0, [])):
+        robot.task = msgspec.structs.replace(robot.task, remaining_s=remaining_s)
+        team.run(1.0)
+        assert [one.cause for one in ears.asked()] == causes
+
+
+@pytest.mark.parametrize("state", [TaskState.DONE, TaskState.FAILED])
+def test_of_the_ended_tasks_that_others_wait_for_a_plan_counts_those_that_are_done(team, state):
+    robot = team.settle()
+    team.submit(visit("first"))
+    record = team.submit(visit("second", after=("first",)))
+    team.run(0.5)
+    robot.end(state)
+    team.run(0.2)
+    planning, core = team.coordinator.planning, team.coordinator.core
+    builder = SnapshotBuilder(core.lifecycle, core.team_map, planning.chargers, planning.exclusion, {})
+    assert builder.done_before([record], set()) == ({"first"} if state is TaskState.DONE else set())
 
 
 # -- energy -----------------------------------------------------------------------------------------------------

@@ -8,15 +8,12 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import build_problem
 from robrain.coordinator.planning.snapshot import HANDLING_S
 from robrain.protocol.messages.robots.robot_messages import BatteryState
-from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
+from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.tasks.task import TaskState
 from tests.coordinator.planning.snapshots import open_floor_snapshot
+from tests.energy_models import energy_model
 
-MODEL = EnergyModel(
-    coefficients=(5.0, 4.0, 6.0, 2.0, 0.0), covariance=(0.0,) * 15, residual_w2_s=0.0, drift_w2_per_s=0.0,
-    relative_sd=0.0, path_ratio=1.0, pace_m_s=0.5, turn_rate_rad_s=1.0, packet_j=0.1, usable_j=20_000.0, power_w=5.0,
-    usual_power_w=5.0,
-)  # fmt: skip
+MODEL = energy_model(5.0, 4.0, 6.0, 2.0, 0.0, packet_j=0.1, usable_j=20_000.0, power_w=5.0, usual_power_w=5.0)
 BATTERY = BatteryState(voltage_v=12.0, current_a=0.5, temperature_c=25.0, soc=1.0, remaining_j=30_000.0)
 SWEEP = Work(path_m=8.0, turn_rad=3.0, wait_s=2.0, radio_packets=4)
 

@@ -37,13 +37,7 @@ def test_a_recorded_run_decides_the_same_again(team, tmp_path):
             id=f"t{number}", kind="visit", place=Point2D(3.5 + 0.6 * number, 2.5 + 3.0 * (number % 2)), after=after
         )
         team.submit(task, deadline_in_s=100.0 if number % 3 else None)
-    done = run(
-        team,
-        workers,
-        100.0,
-        until=lambda: set(team.states().values()) == {TaskState.DONE},
-        check=recorder.step,
-    )
+    done = run(team, workers, 100.0, until=lambda: set(team.states().values()) == {TaskState.DONE}, check=recorder.step)
     recorder.close()
     assert done
     plans = list(replay_decisions(path))

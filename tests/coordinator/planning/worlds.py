@@ -10,6 +10,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import TaskState, parameters_of
 from tests.coordinator.conftest import TICK_S, FakeRobot, Team
+from tests.energy_models import energy_model
 
 STANDING_W = 8.0
 J_PER_M = 20.0
@@ -23,19 +24,18 @@ COVARIANCE = (0.01, *([0.0] * 14))
 
 def model(usable_j: float, *, dearer: float = 1.0, pace_m_s: float = PACE_M_S) -> EnergyModel:
     """A robot of 8 W standing that takes 20 J more a metre, known well."""
-    return EnergyModel(
-        coefficients=(STANDING_W, 0.0, dearer * J_PER_M, 0.0, 0.0),
+    return energy_model(
+        STANDING_W,
+        0.0,
+        dearer * J_PER_M,
+        0.0,
+        0.0,
         covariance=COVARIANCE,
         residual_w2_s=1.0,
         drift_w2_per_s=1e-5,
         relative_sd=0.03,
-        path_ratio=1.0,
         pace_m_s=pace_m_s,
-        turn_rate_rad_s=1.0,
-        packet_j=0.0,
         usable_j=usable_j,
-        power_w=10.0,
-        usual_power_w=10.0,
     )
 
 

@@ -71,11 +71,12 @@ class SensedTeam:
             self.sense(value, mote, **fields)
             self.team.run(every_s)
 
-    def notify(self, value, robot="r1", plugin="monitor", event="changed", stamp_ns=None) -> None:
+    def notify(self, value, robot="r1", plugin="monitor", event="changed", stamp_ns=None, run_s=0.0) -> None:
         key = (robot, plugin, event)
         if key not in self._events:
             self._events[key] = self._wire.publisher(ROBOT_EVENT, robot=robot, plugin=plugin, event=event)
         self._events[key].put(Event(robot=robot, plugin=plugin, event=event, value=value), stamp_ns)
+        self.team.run(run_s)
 
     def made(self, name="heat"):
         """The tasks of a rule, oldest first, as the journal has them."""

@@ -6,14 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.coordinator.rules.rule import ReadingCondition
-from robrain.coordinator.rules.rule_state import (
-    RATE_READINGS_MAX,
-    RUNS_MAX,
-    SILENT_NS,
-    Class,
-    LevelTrack,
-    TrackTable,
-)
+from robrain.coordinator.rules.rule_state import RATE_READINGS_MAX, RUNS_MAX, SILENT_NS, Class, LevelTrack, TrackTable
 from robrain.protocol.clock import to_ns
 
 GAP_NS = to_ns(10.0)
@@ -71,6 +64,12 @@ def test_memory_stays_bounded_and_times_are_never_longer_than_what_was_heard(rea
 )
 def test_each_side_of_threshold_and_clear_level(condition, value, expected):
     assert noted([(0, value)], **condition).newest is expected
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(("apart_s", "held_s"), [(10.0, 10.0), (10.001, 0.0)])
+def test_readings_as_far_apart_as_the_gap_still_show_the_time_between_them(apart_s, held_s, order):
+    assert noted([(0, 9.0), (apart_s, 9.0)][::order], above=5.0).held_s == held_s
 
 
 @pytest.mark.parametrize("per_min", [6.0, -6.0, 0.0])

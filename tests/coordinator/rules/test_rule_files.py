@@ -108,9 +108,11 @@ def test_what_a_value_says_is_never_filled_again():
     assert fill("at {mote}", {"mote": "{value}", "value": 1.0}) == "at {value}"
 
 
-def test_nested_too_deep_is_refused():
+@pytest.mark.parametrize("nested", [lambda part: [part], lambda part: (part,), lambda part: {"a": part}])
+def test_tables_and_lists_nested_deeper_than_eight_levels_are_refused(nested):
     deep: object = "x"
-    for _ in range(20):
-        deep = [deep]
-    with pytest.raises(ValueError, match="levels"):
-        check_template(deep, {})
+    for _ in range(8):
+        deep = nested(deep)
+    check_template(deep, {})
+    with pytest.raises(ValueError, match="at most 8 levels"):
+        check_template(nested(deep), {})

@@ -7,6 +7,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.reasons import sentence_of
 from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule
 
 HELD = {"above": 26.0, "for_s": 8.0, "clear_at": 24.0}
@@ -52,6 +53,17 @@ def test_tasks_follow_from_readings(begin, fields, steps):
     for values, count in steps:
         sensed.senses(*values)
         assert len(sensed.made()) == count
+
+
+@pytest.mark.parametrize(
+    ("reading", "held"), [({"above": 26.0}, ""), ({"above": 26.0, "for_s": 0.5}, " for 1 s"), (HELD, " for 8 s")]
+)
+def test_the_reason_of_a_task_says_what_was_sensed_and_for_how_long(begin, reading, held):
+    sensed = begin(rule(reading=reading))
+    while not sensed.made():
+        sensed.senses(27.0, every_s=0.6)
+    text = sentence_of(first_reason(sensed, sensed.made()[0]))
+    assert text == f"rule heat: m1 sensed temperature_c 27, above 26{held}, 0.0 s before"
 
 
 def test_a_mote_that_was_silent_meanwhile_has_not_held_the_threshold(begin):
@@ -122,12 +134,17 @@ def test_two_readings_are_not_enough_for_a_rate(begin):
     assert sensed.made() == []
 
 
-def test_repeated_readings_count_once(begin):
-    sensed = begin(rule(cooldown_s=0.0, max_open=10))
-    reading = sensed.sense(27.0)
+@pytest.mark.parametrize("restarts", [False, True])
+@pytest.mark.parametrize("number", [{}, {"sequence": None}], ids=["numbered", "without a number"])
+def test_repeated_readings_count_once_also_after_a_restart(begin, number, restarts):
+    one = rule(cooldown_s=0.0, max_open=10)
+    sensed = begin(one)
+    reading = sensed.sense(27.0, **number)
     sensed.again(reading, via="r2")
     sensed.team.run(1.0)
-    sensed.senses(20.0)  # armed again
+    sensed.senses(20.0, **number)  # armed again
+    if restarts:
+        sensed.restart(one)
     sensed.again(reading)  # the robot has fetched it from the log once more
     sensed.team.run(1.0)
     assert len(sensed.made()) == 1
@@ -140,29 +157,6 @@ def test_a_repetition_by_another_clock_does_not_extend_the_time(begin):
     sensed.again(reading, via="r2", measured_ns=reading.measured_ns + to_ns(4.5))
     sensed.team.run(1.0)
     assert sensed.made() == []
-
-
-def test_a_reading_told_again_after_a_restart_makes_no_second_task(begin):
-    one = rule(cooldown_s=0.0, max_open=10)
-    sensed = begin(one)
-    reading = sensed.sense(27.0)
-    sensed.team.run(1.0)
-    sensed.senses(20.0)
-    sensed.restart(one)
-    sensed.again(reading)
-    sensed.team.run(1.0)
-    assert len(sensed.made()) == 1
-
-
-def test_readings_without_a_number_count_once_too(begin):
-    sensed = begin(rule(cooldown_s=0.0, max_open=10))
-    reading = sensed.sense(27.0, sequence=None)
-    sensed.team.run(1.0)
-    sensed.sense(20.0, sequence=None)
-    sensed.team.run(1.0)
-    sensed.again(reading)
-    sensed.team.run(1.0)
-    assert len(sensed.made()) == 1
 
 
 def test_stored_readings_of_long_ago_make_no_task(begin):
@@ -234,15 +228,12 @@ def test_an_event_of_a_plugin_makes_a_task_where_its_robot_is(begin):
     sensed.notify({"share": 0.05})
     sensed.notify({"share": "much"})
     sensed.notify({})
-    sensed.notify({"share": 0.5}, event="other")
-    sensed.team.run(1.0)
+    sensed.notify({"share": 0.5}, event="other", run_s=1.0)
     assert sensed.made() == []
-    sensed.notify({"share": 0.5})
-    sensed.team.run(1.0)
+    sensed.notify({"share": 0.5}, run_s=1.0)
     (record,) = sensed.made()
     assert record.task.place == Point2D(4.5, 3.0)
-    sensed.notify({"share": 0.5})
-    sensed.team.run(1.0)
+    sensed.notify({"share": 0.5}, run_s=1.0)
     assert len(sensed.made()) == 2  # each notification counts by itself
 
 
@@ -305,12 +296,10 @@ def test_an_event_told_again_after_a_restart_makes_no_second_task(begin):
     one = rule(event={"plugin": "monitor", "event": "changed"}, cooldown_s=0.0, max_open=10)
     sensed = begin(one)
     stamp_ns = sensed.team.clock.now_ns()
-    sensed.notify({}, stamp_ns=stamp_ns)
-    sensed.team.run(1.0)
+    sensed.notify({}, stamp_ns=stamp_ns, run_s=1.0)
     sensed.restart(one)
     sensed.team.run(1.0)
-    sensed.notify({}, stamp_ns=stamp_ns)
-    sensed.team.run(1.0)
+    sensed.notify({}, stamp_ns=stamp_ns, run_s=1.0)
     assert len(sensed.made()) == 1
 
 

@@ -178,18 +178,22 @@ def test_offer_for_later_stays_offered_when_it_is_accepted_and_is_not_shunned_wh
     assert desk.book.find("t1").why == "it is next, after t0"
 
 
+def offered(desk: Desk, robot: str, now_ns: int, answer: TaskAnswer) -> None:
+    """A robot is offered the task, and answers at once."""
+    desk.clock.advance_to(now_ns)
+    desk.say("r1")
+    desk.say("r2")
+    desk.tasks.offer("t1", robot, now_ns)
+    desk.mail.answer(-1, answer)
+    desk.tasks.process_answers(now_ns)
+
+
 def test_task_that_every_robot_has_refused_for_good_has_failed(desk: Desk) -> None:
     desk.add()
     for round_number in range(REFUSALS_MAX):
         assert desk.stands()[0] is TaskState.QUEUED
         for robot in ("r1", "r2"):
-            now_ns = NOW_NS + to_ns(100.0 * round_number)
-            desk.clock.advance_to(now_ns)
-            desk.say("r1")
-            desk.say("r2")
-            desk.tasks.offer("t1", robot, now_ns)
-            desk.mail.answer(-1, NO)
-            desk.tasks.process_answers(now_ns)
+            offered(desk, robot, NOW_NS + to_ns(100.0 * round_number), NO)
     assert desk.stands()[0] is TaskState.FAILED
     assert desk.book.find("t1").reason == Plain("nobody_does", robots=("r1", "r2"), more=0)
 
@@ -202,11 +206,7 @@ def test_what_a_robot_is_at_just_now_is_not_its_last_word(desk: Desk, passing: O
     desk.add()
     for round_number in range(REFUSALS_MAX + 2):
         now_ns = NOW_NS + to_ns(100.0 * round_number)
-        desk.clock.advance_to(now_ns)
-        desk.say("r1")
-        desk.tasks.offer("t1", "r1", now_ns)
-        desk.mail.answer(-1, TaskAnswer.refused(passing))
-        desk.tasks.process_answers(now_ns)
+        offered(desk, "r1", now_ns, TaskAnswer.refused(passing))
         assert desk.stands()[0] is TaskState.QUEUED
     assert desk.tasks.backoff.pause_reason("t1", "r1", now_ns) == Refused(passing)
 

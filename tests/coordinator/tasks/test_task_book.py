@@ -82,12 +82,7 @@ class BookMachine(RuleBasedStateMachine):
             self.book.move(task_id, TaskState.CANCELLED, cancelled("ann", ""))
 
     @precondition(lambda self: self.count)
-    @rule(
-        number=st.integers(1, 20),
-        robot=ROBOTS,
-        state=st.sampled_from(list(TaskState)),
-        late=st.integers(0, 2),
-    )
+    @rule(number=st.integers(1, 20), robot=ROBOTS, state=st.sampled_from(list(TaskState)), late=st.integers(0, 2))
     def robot_speaks(self, number, robot, state, late):
         task_id = f"t{1 + number % self.count}"
         record = self.state_of(task_id)
@@ -193,8 +188,7 @@ def test_a_robots_word_ends_its_own_task():
 
 
 @pytest.mark.parametrize(
-    ("robot", "late", "task_id"),
-    [("r2", 0, "t1"), ("r1", 1, "t1"), ("r1", -1, "t1"), ("r1", 0, "t2")],
+    ("robot", "late", "task_id"), [("r2", 0, "t1"), ("r1", 1, "t1"), ("r1", -1, "t1"), ("r1", 0, "t2")]
 )
 def test_another_robot_an_epoch_never_given_and_an_unknown_task_count_for_nothing(robot, late, task_id):
     one, told = book()

@@ -24,7 +24,7 @@ class Late:
 
 
 @pytest.fixture
-def live_team(team, monkeypatch):
+def team(team, monkeypatch):
     """A team in which answers to offers are as late as in live."""
     wire = team._coordinator_wire
     ask_later = wire.ask_later
@@ -52,8 +52,7 @@ def cut(team, robot):
     robot.task = None
 
 
-def test_a_robot_that_cannot_be_queried_yet_gets_no_series_of_tasks(live_team):
-    team = live_team
+def test_a_robot_that_cannot_be_queried_yet_gets_no_series_of_tasks(team):
     robot = team.explore()
     cut(team, robot)
     before = made(team)
@@ -69,8 +68,7 @@ def test_a_robot_that_cannot_be_queried_yet_gets_no_series_of_tasks(live_team):
     assert robot.task.id not in before
 
 
-def test_a_frontier_is_not_held_against_a_robot_that_could_not_be_asked(live_team):
-    team = live_team
+def test_a_frontier_is_not_held_against_a_robot_that_could_not_be_asked(team):
     robot = team.robot("r1", 4.0)
     team.corridor()
     team.run(1.0)
@@ -84,8 +82,7 @@ def test_a_frontier_is_not_held_against_a_robot_that_could_not_be_asked(live_tea
     assert robot.goal == nearest
 
 
-def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(live_team):
-    team = live_team
+def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(team):
     robot = team.robot("r1")
     robot.accepts = False
     for x_m in (1.0, 2.5, 4.0, 5.5, 7.0, 8.5, 10.0):
@@ -101,8 +98,7 @@ def test_a_robot_that_refuses_frontier_after_frontier_is_asked_ever_less_often(l
     assert robot.task is not None
 
 
-def test_a_submitted_task_is_not_given_up_because_its_robot_cannot_be_queried(live_team):
-    team = live_team
+def test_a_submitted_task_is_not_given_up_because_its_robot_cannot_be_queried(team):
     robot = team.explore()
     cut(team, robot)
     half = come_half(team, robot)

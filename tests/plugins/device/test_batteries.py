@@ -1,6 +1,8 @@
 """Batteries that are asked: smart batteries, current monitors and those of the kernel, on simulated chips and files."""
 
+import errno
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -279,6 +281,27 @@ def test_batteries_of_mice_and_other_supplies_are_not_the_robots(device: Any, su
     supply("BAT_mouse", scope="Device", voltage_now=2)
     folder = supply("BAT_pack", voltage_now=15_000_000)
     assert latest(device(PowerSupply, folder=str(folder))).voltage_v == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("name", ["capacity", "voltage_now"])
+@pytest.mark.parametrize("code", [errno.ENODATA, errno.EINVAL, errno.EIO])
+def test_a_file_of_the_kernel_that_cannot_be_read_is_a_failure_unless_it_has_no_value_now(
+    device: Any, supply: Any, monkeypatch: pytest.MonkeyPatch, name: str, code: int
+) -> None:
+    one = device(PowerSupply, folder=str(supply(voltage_now=12_000_000, capacity=50)))
+    before, plain = latest(one), Path.open
+
+    def fail(path: Path, *mode: str) -> Any:
+        if path.name == name:
+            raise OSError(code, os.strerror(code))
+        return plain(path, *mode)
+
+    monkeypatch.setattr(Path, "open", fail)
+    found, counters = latest(one), one.it.counters()
+    is_failure = code == errno.EIO or name == "voltage_now"
+    assert (found == before, counters.failed) == (is_failure, is_failure)
+    assert (counters.last_error == "Input/output error") is (code == errno.EIO)
+    assert is_failure or found.report.soc is None
 
 
 @pytest.mark.parametrize("voltage", ["", "abc", "1" * 100, "12.5"])

@@ -2,13 +2,7 @@
 
 import pytest
 
-from robrain.plugins.device.mocdevice.frame_clock import (
-    FRAME_PERIOD_NS,
-    RESTART_FRAMES,
-    WINDOW,
-    FrameClock,
-    StampedAt,
-)
+from robrain.plugins.device.mocdevice.frame_clock import FRAME_PERIOD_NS, RESTART_FRAMES, WINDOW, FrameClock, StampedAt
 from robrain.protocol.clock import to_ns
 
 START_NS = to_ns(100.0)

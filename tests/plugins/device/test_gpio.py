@@ -244,6 +244,19 @@ def test_the_device_itself_halts_the_robot_before_it_faults(chip: GpioChip) -> N
     assert "does not answer" in one.guards[-1]()
 
 
+def test_a_press_and_its_release_are_told_and_only_the_press_halts_the_robot(chip: GpioChip) -> None:
+    one, why = Button(), "the emergency stop is pressed, or its cable is broken: line 27 of /dev/gpiochip0"
+    chip.levels[27] = False
+    one.it.activate()
+    told = one.told(one.it.changed)
+    for levels in ({}, {27: False}, {27: False}):
+        chip.levels = levels
+        one.step(0.01)
+    assert [change.why for change in told] == [why, ""]
+    assert one.halts == [why]
+    one.it.deactivate()
+
+
 @pytest.mark.parametrize("wired_to", ["ground", "supply"])
 @pytest.mark.parametrize("lines", [(3,), (3, 4)])
 @pytest.mark.parametrize("opened", [None, 3, 4])

@@ -97,13 +97,7 @@ def test_an_emergency_halt_stops_the_wheels_and_refuses_calls_until_resumed(stag
     assert not states.drain()[-1].message.halted
 
 
-@pytest.mark.parametrize(
-    ("interface", "channel"),
-    [
-        ("socketcan", "nonexistent0"),
-        ("no_such_interface", "can0"),
-    ],
-)
+@pytest.mark.parametrize(("interface", "channel"), [("socketcan", "nonexistent0"), ("no_such_interface", "can0")])
 def test_a_robot_without_its_bus_goes_on_without_that_branch_and_says_why(stage, interface, channel):
     one = stage()
     states = one.inbox(ROBOT_STATE)

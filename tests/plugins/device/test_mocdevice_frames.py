@@ -330,6 +330,20 @@ def test_late_frames_that_say_when_they_were_sent_were_measured_then(device, lat
     assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
 
 
+def test_poses_are_asked_for_by_the_robots_time_also_where_the_first_frames_were_late():
+    device = BareDevice(MocDevice, interface="socketcan")
+    device.it.activate()
+    for number in range(16):  # the last is in time, and the first 0.3 s late
+        encoders(device, number, (10 * number,) * 3)
+    device.step()
+    now_ns = device.clock.now_ns()
+    turn_rad = device.it.pose().yaw_rad
+    for share in (0.0, 0.4, 1.0):
+        yaw_rad = device.it.pose_at(now_ns - to_ns(0.3 * (1 - share))).yaw_rad
+        assert yaw_rad == pytest.approx(share * turn_rad, abs=1e-6)
+    assert device.it.odometry_until_ns() == pytest.approx(now_ns, abs=1000)
+
+
 @pytest.mark.parametrize(
     ("parameters", "counts"),
     [

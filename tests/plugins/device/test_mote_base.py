@@ -198,12 +198,7 @@ def start_with(stage, forwarder):
         accepted = pool.submit(forwarder.accept)
         host = one.host(
             "snw_exploration",
-            mote_base={
-                "interface": "sf",
-                "port": forwarder.port,
-                "reconnect_first_s": 0.2,
-                **PATIENT,
-            },
+            mote_base={"interface": "sf", "port": forwarder.port, "reconnect_first_s": 0.2, **PATIENT},
         )
         accepted.result(PATIENCE_S)
     return one, host

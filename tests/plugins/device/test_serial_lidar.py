@@ -224,6 +224,20 @@ def test_bytes_that_are_no_packets_are_a_fault_with_causes(kind: type[SerialLida
         device.pull_out()
 
 
+@pytest.mark.parametrize(("noise", "is_fault"), [(0, False), (40, False), (60, True)])
+def test_a_line_on_which_more_than_half_of_the_bytes_are_no_packets_is_a_fault(
+    lidar: Any, noise: int, is_fault: bool
+) -> None:
+    one, packet, faults = lidar(), ld19_turns(1)[:47], 0
+    for _ in range(120):
+        one.send(packet + bytes(noise))
+        try:
+            one.step(0.02)
+        except LidarFault as fault:
+            faults += "but no valid packets" in str(fault)
+    assert bool(faults) is is_fault
+
+
 def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(
     lidar: Any,
 ) -> None:
@@ -268,27 +282,22 @@ def scan_of(*points: Point, before: tuple[Point, ...] = ()) -> LaserScan:
     return ScanMaker(BEAMS, 8.0, Mount()).scan([(HERE, points)], [(HERE, before)], 0)
 
 
-def test_each_point_counts_at_its_own_angle_and_not_at_that_of_its_beam() -> None:
-    angles_rad = [-3.13, -0.7, 0.01, 0.3, 1.55, 2.9]
-    scan = scan_of(*[Point(angle_rad, 2.0) for angle_rad in angles_rad])
-    assert scan.beam_angles_rad == pytest.approx(angles_rad)
-
-
-def test_a_point_right_behind_keeps_its_angle_and_the_beams_their_order() -> None:
-    scan = scan_of(Point(3.1, 2.0), Point(-1.0, 3.0))
-    assert scan.beam_angles_rad == pytest.approx([3.1 - math.tau, -1.0])
-    assert scan.beam_ranges_m == (2.0, 3.0)
-
-
-def test_of_the_points_in_a_beam_the_nearest_counts_with_its_angle() -> None:
-    scan = scan_of(Point(0.10, 3.0), Point(0.02, 1.0), Point(-0.05, 2.0))
-    assert (scan.beam_angles_rad, scan.beam_ranges_m) == (pytest.approx([0.02]), (1.0,))
-
-
-def test_a_beam_that_this_turn_lacks_is_that_of_the_turn_before_with_its_angle() -> None:
-    scan = scan_of(Point(0.02, 1.0), before=(Point(0.04, 0.5), Point(0.72, 2.0)))
-    assert scan.beam_angles_rad == pytest.approx([0.02, 0.72])
-    assert scan.beam_ranges_m == (1.0, 2.0)
+@pytest.mark.parametrize(
+    ("points", "before", "beams"),
+    [
+        (
+            [(-3.13, 2.0), (-0.7, 2.0), (0.01, 2.0), (2.9, 2.0)],
+            (),
+            [(-3.13, 2.0), (-0.7, 2.0), (0.01, 2.0), (2.9, 2.0)],
+        ),
+        ([(3.1, 2.0), (-1.0, 3.0)], (), [(3.1 - math.tau, 2.0), (-1.0, 3.0)]),  # right behind
+        ([(0.10, 3.0), (0.02, 1.0), (-0.05, 2.0)], (), [(0.02, 1.0)]),  # of a beam the nearest
+        ([(0.02, 1.0)], [(0.04, 0.5), (0.72, 2.0)], [(0.02, 1.0), (0.72, 2.0)]),  # what this turn lacks
+    ],
+)
+def test_points_count_at_their_own_angles_and_not_at_those_of_their_beams(points: Any, before: Any, beams: Any) -> None:
+    scan = scan_of(*[Point(*point) for point in points], before=tuple(Point(*point) for point in before))
+    assert list(zip(scan.beam_angles_rad, scan.beam_ranges_m, strict=True)) == [pytest.approx(beam) for beam in beams]
 
 
 @pytest.mark.parametrize("range_m", [0.0, 2.0])

@@ -220,8 +220,7 @@ def test_what_a_mate_says_of_others_submaps_and_of_withdrawn_ones_is_left_out() 
 
 
 @pytest.mark.parametrize(
-    ("robot", "cells", "is_news"),
-    [("r2", b"", True), ("r2", b"cells", False), ("r3", b"", False)],
+    ("robot", "cells", "is_news"), [("r2", b"", True), ("r2", b"cells", False), ("r3", b"", False)]
 )
 def test_a_mates_submap_that_was_moved_is_news_if_the_robot_goes_by_it(robot: str, cells: bytes, is_news: bool) -> None:
     scene = Scene(MATE)

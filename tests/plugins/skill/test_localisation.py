@@ -165,10 +165,7 @@ def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
     assert errors_m[True] < 0.5 * errors_m[False]
 
 
-@pytest.mark.parametrize(
-    ("every", "phase"),
-    [(1, 0), (5, 0), (5, 1), (5, 2), (5, 3), (5, 4)],
-)
+@pytest.mark.parametrize(("every", "phase"), [(1, 0), (5, 0), (5, 1), (5, 2), (5, 3), (5, 4)])
 def test_scans_are_mapped_also_if_the_wheels_counts_come_a_tick_later(stage, every, phase):
     """With a scan in every tick, or in every fifth one, before or after localisation's own step."""
     one = stage()

@@ -206,32 +206,28 @@ def off(pose, other):
     return pose.x_m - other.x_m, pose.y_m - other.y_m, turned_rad
 
 
-@pytest.mark.parametrize("variances", [(0.04, 0.09, 0.01), (0.09, 0.04, 0.01)])
-def test_after_a_pause_the_robot_is_where_it_was_but_less_sure(stage, variances):
-    one = stage()
-    host = one.host("localisation", start=False, localisation={"x_m": 50.0})
-    before = Pose2D(3.0, -1.0, 0.5)
-    host.board.T_arena_odom = before
-    host.board.pose_covariance = tuple(np.diag(variances).ravel().tolist())
-    host.start()
-    localisation = host.manager.get("localisation").plugin
-    assert localisation.pose() == before
-    assert localisation.health().sigma_m == pytest.approx(0.3 + PAUSE_M)
-    assert localisation.health().sigma_rad == pytest.approx(0.1 + PAUSE_RAD)
-
-
-@pytest.mark.parametrize("covariance", [(), (0.04,) * 8])
-def test_without_what_was_known_before_the_robot_is_where_it_was_told(stage, covariance):
-    one = stage()
+@pytest.mark.parametrize(
+    ("covariance", "sigma_m", "sigma_rad"),
+    [
+        (np.diag((0.04, 0.09, 0.01)).ravel(), 0.3 + PAUSE_M, 0.1 + PAUSE_RAD),
+        (np.diag((0.09, 0.04, 0.01)).ravel(), 0.3 + PAUSE_M, 0.1 + PAUSE_RAD),
+        ((), 0.2, 0.1),
+        ((0.04,) * 8, 0.2, 0.1),
+    ],
+)
+def test_after_a_pause_the_robot_is_where_it_was_but_less_sure_or_where_it_was_told(
+    stage, covariance, sigma_m, sigma_rad
+):
     told = {"x_m": 3.0, "y_m": -1.0, "yaw_rad": 0.5, "start_sigma_m": 0.2, "start_sigma_rad": 0.1}
-    host = one.host("localisation", start=False, localisation=told)
-    host.board.T_arena_odom = Pose2D(50.0, 0.0, 0.0)
-    host.board.pose_covariance = covariance
+    host = stage().host("localisation", start=False, localisation=told)
+    is_known = len(covariance) == 9
+    host.board.T_arena_odom = before = Pose2D(50.0, 0.0, 0.25)
+    host.board.pose_covariance = tuple(float(each) for each in covariance)
     host.start()
     localisation = host.manager.get("localisation").plugin
-    assert localisation.pose() == Pose2D(3.0, -1.0, 0.5)
-    assert localisation.health().sigma_m == pytest.approx(0.2)
-    assert localisation.health().sigma_rad == pytest.approx(0.1)
+    assert localisation.pose() == (before if is_known else Pose2D(3.0, -1.0, 0.5))
+    assert localisation.health().sigma_m == pytest.approx(sigma_m)
+    assert localisation.health().sigma_rad == pytest.approx(sigma_rad)
 
 
 @pytest.mark.parametrize("is_known_from_before", [False, True])

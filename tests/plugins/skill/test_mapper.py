@@ -50,9 +50,14 @@ def lies_at(T_local_odom, sigma_m=0.03):
     return LocalPose(T_local_odom, 0, NO_DRIFT, STAMP_MAX, True, sigma_m)
 
 
-def test_a_room_of_known_size_is_mapped_as_such(stage):
+def mapping(stage, *others):
+    """A robot that maps, and its host."""
     one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    return one, one.host("mapper", *others, mapper=GRID)
+
+
+def test_a_room_of_known_size_is_mapped_as_such(stage):
+    one, host = mapping(stage, "localisation")
     ranges_m = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 721)[:-1]]
     one.run(1.0, lambda: one.stand_and_scan(ranges_m))
     seen = view(host)
@@ -65,8 +70,7 @@ def test_a_room_of_known_size_is_mapped_as_such(stage):
 
 
 def test_a_scan_is_put_where_the_robot_was_when_it_was_made(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     bus, counts = one.bus(), iter(range(0, 30000, 200))
 
     def turn():
@@ -110,8 +114,7 @@ def test_one_who_joins_late_has_the_whole_map(stage, room):
 
 
 def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     patch = MapPatch(
         robot="r2",
         resolution_m=0.05,
@@ -142,8 +145,7 @@ def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog
 
 
 def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later(stage):
-    one = stage()
-    host = one.host("mapper", mapper=GRID)
+    one, host = mapping(stage)
     paused = one.inbox(ROBOT_EVENT, robot="r1", plugin="mapper", event="paused")
     board = host.board
     board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 0.0, 0.0), sigma_m=3.0)
@@ -163,8 +165,7 @@ def test_scans_are_left_out_while_the_place_is_not_sure_and_taken_in_again_later
 
 def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
     """Cells are the arena's: what is mapped after T_local_odom has jumped is not shifted with the odometry's frame."""
-    one = stage()
-    host = one.host("mapper", mapper=GRID)
+    one, host = mapping(stage)
     patches = one.inbox(ROBOT_MAP)
     host.board.pose_covariance = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-5)
     host.board.shared(OwnMap).local_pose = lies_at(Pose2D(0.0, 0.0, 0.0))
@@ -181,8 +182,7 @@ def test_after_a_correction_walls_are_put_where_they_are_in_the_arena(stage):
 
 
 def test_memory_is_bounded_whatever_the_others_send_and_drops_are_counted(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     grid = GridGeometry(0.1, -8.0, -8.0, 160, 160)
     other = OccupancyGrid(grid)
     other.merge_patch(0, 0, np.full((2, 2), FREE, np.int8), 1)
@@ -211,8 +211,7 @@ WRAPPED_MS = 2**31 - 1
 
 @pytest.mark.parametrize(("observed_ms", "is_taken"), [(500, True), (5_900, True), (20_000, False), (WRAPPED_MS, True)])
 def test_patches_from_the_future_are_ignored(stage, observed_ms, is_taken):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     one.wire.token(ROBOT_ALIVE, robot="r2")
     one.run(1.0)
     one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", observed_ms))
@@ -222,8 +221,7 @@ def test_patches_from_the_future_are_ignored(stage, observed_ms, is_taken):
 
 
 def test_patches_of_an_absent_robot_are_ignored_until_it_is_there(stage):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     one.run(1.0)
     for is_taken in (False, True):
         one.publisher(ROBOT_MAP, robot="r2").put(hall("r2", 500))
@@ -235,8 +233,7 @@ def test_patches_of_an_absent_robot_are_ignored_until_it_is_there(stage):
 
 def test_what_a_mate_took_for_a_wall_is_floor_again_once_the_robot_sees_through_it(stage):
     """As where somebody stood for a moment, whom only the mate saw."""
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID)
+    one, host = mapping(stage, "localisation")
     one.wire.token(ROBOT_ALIVE, robot="r2")
     one.run(2.0, lambda: one.stand_and_scan([2.0] * 360))
     geometry = view(host).geometry

@@ -35,9 +35,14 @@ def test_one_that_does_not_begins_a_frame_of_its_own() -> None:
     assert scene.frames.outgoing == []
 
 
-@pytest.mark.parametrize("frame", [ARENA, MATES])
-def test_three_answers_that_agree_move_the_robot_into_the_better_frame(frame: MapFrame) -> None:
+@pytest.mark.parametrize(
+    ("frame", "name"), [(ARENA, "the arena frame"), (MATES, "a frame of r2, begun with submap 10")]
+)
+def test_three_answers_that_agree_move_the_robot_into_the_better_frame(
+    frame: MapFrame, name: str, caplog: pytest.LogCaptureFixture
+) -> None:
     scene = lost(mates=frame)
+    caplog.clear()
     moved = [scene.search(place) for place in PLACES[: ANSWERS_MIN + 1]]
     assert moved == [False, False, True, False]
     assert scene.frames.frame == scene.atlas.frame == scene.graph.own[20].frame == frame
@@ -50,6 +55,7 @@ def test_three_answers_that_agree_move_the_robot_into_the_better_frame(frame: Ma
     assert scene.atlas.place_of(("r1", 20), frame) == scene.own.T_arena_local
     assert scene.graph.own[20].T_arena_local == scene.own.T_arena_local
     assert scene.graph.has_news
+    assert [record.message for record in caplog.records] == [f"r1: maps in {name}"]
 
 
 @pytest.mark.parametrize(("apart_m", "is_sure"), [(0.5, False), (0.95, False), (1.1, True)])
@@ -331,26 +337,23 @@ def turned_about(place: Pose2D, turn_rad: float) -> Pose2D:
     return place.compose(Pose2D(0.0, 0.0, turn_rad)).compose(place.inverse())
 
 
-@pytest.mark.parametrize(("step_rad", "is_sure"), [(0.0, True), (0.02, True), (0.035, False)])
-def test_answers_that_put_the_robot_in_one_place_but_turn_it_differently_do_not_agree(
-    step_rad: float, is_sure: bool
+@pytest.mark.parametrize(
+    ("turn_rad", "aside_m", "is_sure"),
+    [
+        (0.0, 0.0, True),
+        (0.02, 0.0, True),
+        (0.035, 0.0, False),
+        (0.0, 0.07, True),
+        (0.0, 0.11, True),
+        (0.0, 0.18, False),
+    ],
+)
+def test_answers_that_turn_the_robot_or_put_it_more_than_three_decimetres_aside_do_not_agree(
+    turn_rad: float, aside_m: float, is_sure: bool
 ) -> None:
-    scene = lost()
-    moved = []
-    for turn in (-1, 0, 1):
-        scene.mates_map(ARENA, turned_about(MIDDLE, turn * step_rad))
-        moved.append(scene.search(MIDDLE))
-    assert moved == [False, False, is_sure]
-
-
-@pytest.mark.parametrize(("step_m", "is_sure"), [(0.07, True), (0.11, True), (0.18, False)])
-def test_answers_that_put_the_robot_beside_each_other_by_more_than_three_decimetres_do_not_agree(
-    step_m: float, is_sure: bool
-) -> None:
-    scene = lost()
-    moved = []
-    for n in (0, 1, 2):
-        scene.mates_map(ARENA, Pose2D(0.0, n * step_m, 0.0))
+    scene, moved = lost(), []
+    for n in (-1, 0, 1):
+        scene.mates_map(ARENA, Pose2D(0.0, n * aside_m, 0.0).compose(turned_about(MIDDLE, n * turn_rad)))
         moved.append(scene.search(MIDDLE))
     assert moved == [False, False, is_sure]
 

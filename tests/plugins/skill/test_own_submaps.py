@@ -82,13 +82,7 @@ def test_the_first_submap_is_as_unsure_as_the_robot_and_the_next_one_by_what_it_
     assert np.diag(node.covariance) == pytest.approx((0.08, 0.07, 0.012), abs=2e-6)
 
 
-@pytest.mark.parametrize(
-    ("steps", "way_m"),
-    [
-        ([(1.0, 0.0), (1.0, 0.0)], 2.0),
-        ([(0.3, 0.4), (0.0, -0.4)], 0.9),
-    ],
-)
+@pytest.mark.parametrize(("steps", "way_m"), [([(1.0, 0.0), (1.0, 0.0)], 2.0), ([(0.3, 0.4), (0.0, -0.4)], 0.9)])
 def test_a_submap_ends_after_its_way(steps: list[tuple[float, float]], way_m: float) -> None:
     for longer_m, is_over in ((-0.01, True), (0.01, False)):
         own = begun(way_m=way_m + longer_m)

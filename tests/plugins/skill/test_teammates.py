@@ -25,9 +25,14 @@ def names(one):
     return [mate["name"] for mate in one.call("teammates", "others")]
 
 
-def test_other_robots_are_known_by_name_with_place_and_size(stage):
+def teamed(stage):
+    """A robot that follows its mates, and its host."""
     one = stage()
-    one.host("teammates")
+    return one, one.host("teammates")
+
+
+def test_other_robots_are_known_by_name_with_place_and_size(stage):
+    one, _host = teamed(stage)
     one.say_state("r3", POSE, radius_m=0.3)
     one.say_state("r2", Pose2D(0.0, 0.0, 0.0))
     one.run(0.3)
@@ -41,8 +46,7 @@ def test_other_robots_are_known_by_name_with_place_and_size(stage):
 
 
 def test_a_robot_is_no_teammate_of_its_own(stage):
-    one = stage()
-    one.host("teammates")
+    one, _host = teamed(stage)
     one.say_state("r1", POSE)
     one.run(0.3)
     assert names(one) == []
@@ -61,8 +65,7 @@ def test_mates_that_do_not_know_where_they_are_are_counted_while_they_are_heard(
 
 
 def test_a_teammate_that_is_silent_for_two_seconds_is_forgotten_and_comes_back(stage):
-    one = stage()
-    one.host("teammates")
+    one, _host = teamed(stage)
     one.run(0.02)
     one.run(1.0, lambda: one.say_state("r2", POSE))
     one.run(1.9)
@@ -87,8 +90,7 @@ def say_path(one, name, points, **more):
 
 
 def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen_and_forgotten_much_later(stage):
-    one = stage()
-    host = one.host("teammates")
+    one, host = teamed(stage)
     say_path(one, "r2", PATH)
     one.say_state("r2", POSE)
     one.run(2.5)
@@ -100,27 +102,19 @@ def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen_and_forgotten_much_la
     assert mates(host) == []
 
 
-def test_a_halted_mate_is_an_obstacle_although_it_speaks(stage):
-    one = stage()
-    host = one.host("teammates")
+@pytest.mark.parametrize(("words", "keep_m"), [({"halted": True}, 0.2), ({"lost": "no idea"}, 0.7)])
+def test_a_halted_mate_is_an_obstacle_and_a_lost_one_is_kept_away_from_by_half_a_metre_more(stage, words, keep_m):
+    one, host = teamed(stage)
     say_path(one, "r2", PATH)
-    one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, halted=True))
-    assert mates(host)[0].doing is Doing.OBSTACLE
-
-
-def test_one_that_does_not_know_where_it_is_is_kept_away_from_by_half_a_metre_more(stage):
-    one = stage()
-    host = one.host("teammates")
-    say_path(one, "r2", PATH)
-    one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, lost="no idea"))
+    one.publisher(ROBOT_STATE, robot="r2").put(RobotState(robot="r2", pose=POSE, radius_m=0.2, **words))
     (mate,) = mates(host)
-    assert (mate.doing, mate.radius_m, mate.track.keep_m) == (Doing.OBSTACLE, 0.7, 0.7)
+    assert (mate.doing, mate.radius_m) == (Doing.OBSTACLE, keep_m)
+    assert words.get("halted") or mate.track.keep_m == keep_m
 
 
 def test_robots_beyond_the_most_are_not_followed_and_those_known_still_are(stage, monkeypatch):
     monkeypatch.setattr("robrain.plugins.unit.teammates.TEAMMATES_MAX", 2)
-    one = stage()
-    one.host("teammates")
+    one, _host = teamed(stage)
     for name in ("r4", "r2", "r3"):
         one.say_state(name, POSE)
         one.run(0.3)
@@ -139,8 +133,7 @@ def say_state_in(one, name, frame, pose=POSE):
 
 
 def test_mates_are_known_in_the_map_frame_in_which_they_tell_their_poses(stage):
-    one = stage()
-    host = one.host("teammates")
+    one, host = teamed(stage)
     known = host.manager.get("teammates").plugin
     say_state_in(one, "r2", ARENA)
     say_state_in(one, "r3", OWN, Pose2D(3.0, 2.0, 0.0))

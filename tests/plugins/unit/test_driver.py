@@ -21,6 +21,14 @@ def drive(host, *places):
     driver(host).follow(localisation.to_odom([Point2D(*place) for place in places]))
 
 
+def begun(stage, world, pose):
+    """A robot that knows where it is, and its host."""
+    one = stage(world, r1=pose)
+    host = one.host("localisation")
+    one.run(0.4)
+    return one, host
+
+
 def stands(one):
     return one.call("driver", "motion") == Motion.STANDING
 
@@ -37,9 +45,7 @@ def off_path_m(pose, corners):
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 2.0, -3.0])
 def test_a_robot_arrives_at_the_end_of_its_path_within_a_tenth_of_a_metre(stage, room, yaw_rad):
-    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 1.0, yaw_rad))
-    host = one.host("localisation")
-    one.run(0.4)
+    one, host = begun(stage, room(6.0, 4.0), Pose2D(1.0, 1.0, yaw_rad))
     drive(host, (4.5, 1.0), (4.5, 3.0))
     one.run_until(lambda: stands(one), 30.0)
     one.run(0.5)
@@ -48,9 +54,7 @@ def test_a_robot_arrives_at_the_end_of_its_path_within_a_tenth_of_a_metre(stage,
 
 
 def test_on_the_way_it_keeps_to_the_path(stage, room):
-    one = stage(room(6.0, 4.0), r1=Pose2D(1.0, 1.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
+    one, host = begun(stage, room(6.0, 4.0), Pose2D(1.0, 1.0, 0.0))
     corners = [(1.0, 1.0), (4.5, 1.0), (4.5, 3.0), (2.0, 3.0)]
     drive(host, *corners[1:])
     aside_m = []
@@ -65,9 +69,7 @@ def test_on_the_way_it_keeps_to_the_path(stage, room):
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.floats(0.6, 5.4), st.floats(0.6, 3.4)), min_size=1, max_size=3))
 def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, room, places):
-    one = stage(room(6.0, 4.0), r1=Pose2D(3.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
+    one, host = begun(stage, room(6.0, 4.0), Pose2D(3.0, 2.0, 0.0))
     drive(host, *places)
     one.run_until(lambda: stands(one), 60.0)
     one.run(0.5)
@@ -78,9 +80,7 @@ def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, roo
 
 
 def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
-    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
+    one, host = begun(stage, room(6.0, 4.0, (3.0, 0.0, 3.2, 4.0)), Pose2D(1.0, 2.0, 0.0))
     drive(host, (5.0, 2.0))
     one.run(10.0)
     gap_m = 3.0 - one.truth().pose.x_m - 0.2
@@ -91,9 +91,7 @@ def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
 
 
 def test_a_halted_robot_stands_and_does_not_drive_on_when_it_is_resumed(stage, room):
-    one = stage(room(), r1=Pose2D(1.0, 2.0, 0.0))
-    host = one.host("localisation")
-    one.run(0.4)
+    one, host = begun(stage, room(), Pose2D(1.0, 2.0, 0.0))
     drive(host, (3.0, 2.0))
     one.run(1.0)
     one.halt()

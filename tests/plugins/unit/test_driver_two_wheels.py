@@ -132,9 +132,7 @@ def test_it_slows_down_by_the_square_of_how_much_it_faces_the_way(robot: BareDri
     assert (at_once.speed, heading_rad) == (pytest.approx(expected_m_s), pytest.approx(off_rad))
 
 
-def test_it_stands_and_turns_while_it_touches_something_ahead_although_its_way_leads_past_it(
-    robot: BareDriver,
-) -> None:
+def test_it_stands_and_turns_while_it_touches_something_ahead_although_its_way_leads_past_it(robot: BareDriver) -> None:
     robot.ring.pressed = (-1.0,)
     robot.plugin.activate()
     robot.plugin.drive_path([Point2D(2.0, 2.0)])  # 102° from what it touches, which is 57° from its axis

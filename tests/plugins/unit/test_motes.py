@@ -37,13 +37,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 WARM = bytes.fromhex("00 ffff 0003 18 22 52  0003 0102 0102 00000000 0028 0b54 01 00000866 0032 ffec b5")
 DARK = bytes.fromhex("00 ffff 0007 18 22 53  0007 ffff fff0 000004b0 0bb8 0834 02 fffffe0c 0000 0141 a6")
 SHORT_READING = bytes.fromhex("00 ffff 0003 04 22 52  0003 0102")
-MALFORMED = [
-    b"",
-    b"\x00\xff",
-    WARM[:-1],
-    WARM + b"\x00",
-    b"\x45" + WARM[1:],
-]
+MALFORMED = [b"", b"\x00\xff", WARM[:-1], WARM + b"\x00", b"\x45" + WARM[1:]]
 
 
 def packet(sequence, *, mote=3, kind=READING_TYPE, oldest=None, rssi_dbm=-70, **changes):

@@ -100,6 +100,26 @@ def test_the_end_of_a_path_is_a_goal_in_the_frame_of_the_robots_own_odometry(rob
     assert robot.driver.motion() is Motion.DRIVING
 
 
+@pytest.mark.parametrize(
+    ("function", "arguments", "x_m", "y_m", "yaw_rad"),
+    [
+        ("turn", (0.5,), 0.0, 0.0, 0.5),
+        ("turn", (1.5 * math.pi,), 0.0, 0.0, -math.pi / 2),
+        ("drive", (-2.0,), -2.0, 0.0, 0.0),
+        ("go_to", (1.0, 2.0, 7.0), 1.0, 2.0, 7.0 - math.tau),
+        ("drive_path", ([Point2D(1.0, 1.0)],), 1.0, 1.0, math.pi / 4),
+        ("drive_path", ([Point2D(1.0, 1.0), Point2D(1.0, 3.0)],), 1.0, 3.0, math.pi / 2),
+    ],
+)
+def test_each_action_has_an_id_and_is_a_goal_of_its_pose(robot, function, arguments, x_m, y_m, yaw_rad):
+    action = getattr(robot.driver, function)(*arguments)
+    assert action is not None
+    ((_, goal, _frame),) = robot.nav2.goals
+    expected = START.compose(Pose2D(x_m, y_m, yaw_rad))
+    assert (goal.x_m, goal.y_m) == (pytest.approx(expected.x_m), pytest.approx(expected.y_m))
+    assert math.remainder(goal.yaw_rad - expected.yaw_rad, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_path_that_ends_where_the_one_before_does_is_no_new_goal(robot):
     robot.driver.follow([Point2D(1.0, 0.0), Point2D(2.0, 0.0)])
     robot.driver.follow([Point2D(1.5, 0.0), Point2D(2.05, 0.01)])
