@@ -65,7 +65,9 @@ LAB = """
 
 @pytest.fixture
 def lab(bench):
-    bench.code("lab", "from robrain.protocol.table.topics import ROBOT_CALL\n" + LAB.replace("\n    ", "\n"))
+    bench.code(
+        "lab", "from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL\n" + LAB.replace("\n    ", "\n")
+    )
     bench.manifest("base", "lab:Room")
     bench.manifest("lamp", "lab:Lamp", visibility=["*", "command"])
     bench.manifest("shade", "lab:Shade", requires=["lamp"])

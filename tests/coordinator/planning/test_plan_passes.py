@@ -151,7 +151,7 @@ def test_a_pass_of_another_distribution_refines_the_plan(last_first):
 
 def test_the_pass_of_the_how_to_puts_valuable_tasks_first(install, monkeypatch):  # noqa: F811
     page = Path(__file__).parents[3] / "docs" / "how-to" / "extend-planning.md"
-    code, _strategy = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    code, *_others = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
     install("urgent-first", {"urgent_first": "urgent_first:urgent_first"}, {"urgent_first.py": code}, PASSES.group)
     stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
     for module in ("policy", "plan_passes"):
