@@ -19,7 +19,7 @@ from robrain.protocol.toml_text import parse_toml
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.scenarios.scenario_file import MAX_SEED, ScenarioTables, document_toml
+from robrain.sim.scenarios.scenario_file import MAX_SEED, document_toml, tables_type
 
 Value = str | int | float | bool
 """A value in a table: that of a key, or its JSON text if it is a list or a table."""
@@ -128,8 +128,8 @@ def full_key(key: str) -> str:
     full = SHORT.get(key, key)
     if full in NOT_VARIED:
         raise UsageError(f"--vary {key}: {NOT_VARIED[full]}")
-    if "." not in full and full not in ScenarioTables.__struct_fields__:
-        known = [*SHORT, *ScenarioTables.__struct_fields__]
+    if "." not in full and full not in tables_type().__struct_fields__:
+        known = [*SHORT, *tables_type().__struct_fields__]
         raise UsageError(
             f"--vary {key}: expected one of {', '.join(SHORT)}, or TABLE.KEY of a scenario file{nearest(key, known)}"
         )

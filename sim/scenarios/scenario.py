@@ -37,21 +37,9 @@ from robrain.sim.motes.gateway import check_gateways
 from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.points.point_team import POSSIBLE
 from robrain.sim.robot.robot_hardware import RobotHardware
+from robrain.sim.scenarios import scenario_file
 from robrain.sim.scenarios.driving import Progress, drive
-from robrain.sim.scenarios.scenario_file import (
-    MapTable,
-    MotesTable,
-    ScenarioTable,
-    ScenarioTables,
-    TeamTable,
-    builtin_folder,
-    builtin_names,
-    document_toml,
-    parse_scenario,
-    read_builtin,
-    read_scenario_file,
-    scenario_document,
-)
+from robrain.sim.scenarios.scenario_file import MapTable, MotesTable, ScenarioTable, ScenarioTables, TeamTable
 from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
 from robrain.sim.world.arena import clearance_m
@@ -63,6 +51,8 @@ from robrain.sim.world.world import Fidelity, World, build_world
 
 ALIKE = ("chargers", "rules", "faults", "surfaces", "disturbance", "tasks", "links")
 """Fields that a scenario's file has too."""
+PLACED = ("robots", "motes", "near", "seed", "hardware", "network", "chargers", "starts", "mote_places")
+"""Fields that its robots and motes are placed by."""
 OF_WORLD = ("faults", "surfaces", "disturbance", "starts_known", "idle", "tasks", "links", "fidelity")
 """Fields that its world has too."""
 
@@ -112,6 +102,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """The radio between robots and coordinator; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
     """Level of detail of simulated robots."""
+    added: dict[str, Any] = {}
+    """Tables of other distributions, by name."""
     seed: int = 1
     until_explored: float = 0.98
     time_limit_s: float = 900.0
@@ -120,20 +112,20 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         try:
-            msgspec.convert(self.document(), ScenarioTables)
+            msgspec.convert(self.document(), scenario_file.tables_type())
         except ValueError as error:
             raise ScenarioError(f"{self.name}: {error}") from error
 
     @classmethod
     def builtin(cls, name: str) -> Self:
         """A scenario that comes with robrain, such as `depot` (ScenarioError if there is none of that name)."""
-        return cls._from_tables(*read_builtin(name), base=builtin_folder())
+        return cls._from_tables(*scenario_file.read_builtin(name), base=scenario_file.builtin_folder())
 
     @classmethod
     def from_file(cls, path: Path | str) -> Self:
         """A scenario TOML (ScenarioError naming file and key if it is wrong)."""
         path = Path(path)
-        return cls._from_tables(*read_scenario_file(path), base=path.parent)
+        return cls._from_tables(*scenario_file.read_scenario_file(path), base=path.parent)
 
     @classmethod
     def from_toml(cls, text: str, where: str = "scenario", *, base: Path | str = ".") -> Self:
@@ -148,7 +140,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             ScenarioError: naming `where`, key and expected value.
 
         """
-        return cls._from_tables(parse_scenario(text, where), text, base=Path(base))
+        return cls._from_tables(scenario_file.parse_scenario(text, where), text, base=Path(base))
 
     @classmethod
     def from_map(cls, path: Path | str, *, robots: int = 4, motes: int = 0) -> Self:
@@ -162,7 +154,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         assert floor is not None  # ScenarioTables has checked it
         return cls(
             **msgspec.structs.asdict(tables.scenario),
-            **{name: getattr(tables, name) for name in (*ALIKE, "traffic", "network")},
+            **{name: getattr(tables, name) for name in (*ALIKE, "traffic", "network", "added")},
             floor=floor,
             robots=tables.robot_count,
             roster=tables.robots,
@@ -179,7 +171,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_toml(self) -> str:
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
-        return document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
+        return scenario_file.document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
 
     def document(self, map_file: Path | None = None) -> dict[str, Any]:
         """The tables of a scenario file with every key, as plain values; None stands for an absent key.
@@ -189,7 +181,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
         """
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
-        tables = ScenarioTables(
+        tables = scenario_file.tables_type()(
             **{name: getattr(self, name) for name in ALIKE},
             scenario=ScenarioTable(
                 self.name, self.about, self.seed, self.until_explored, self.time_limit_s, self.fidelity
@@ -206,12 +198,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             field=self.network.field,
             robot=self.hardware,
             planning=self.planning,
-            doors=self.traffic.doors,
-            movers=self.traffic.movers,
-            people=self.traffic.people,
             robots=self.roster,
+            **msgspec.structs.asdict(self.traffic),
+            **self.added,
         )
-        return scenario_document(tables)
+        return scenario_file.scenario_document(tables)
 
     def replace(self, **changes: Any) -> Self:
         """The same scenario with some fields changed: `scenario.replace(robots=8, seed=2)`."""
@@ -242,20 +233,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         if self.fidelity is Fidelity.POINTS:
             self._check_points()
         try:
-            plan, chargers = self.plan(), self.chargers
-            world = build_world(
-                plan,
-                self.robots,
-                self.motes,
-                self.near,
-                self.seed,
-                self.hardware,
-                self.network,
-                chargers,
-                self.starts,
-                self.mote_places,
-                self.roster,
-            )
+            plan = self.plan()
+            world = build_world(plan, specs=self.roster, **{name: getattr(self, name) for name in PLACED})
             discs = [robot.disc for robot in world.robots]
             has_traffic = self.traffic.is_on and self.fidelity is Fidelity.FULL
             traffic = plan_traffic(self.traffic, plan, discs, self.seed) if has_traffic else None
@@ -273,7 +252,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "
                     f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
                 )
-        return replace(world, traffic=traffic, **{name: getattr(self, name) for name in OF_WORLD})
+        added = [one for table in self.added.values() for one in (table if isinstance(table, tuple) else (table,))]
+        return replace(world, traffic=traffic, added=tuple(added), **{name: getattr(self, name) for name in OF_WORLD})
 
     def _check_points(self) -> None:
         """Raise ScenarioError for features that robots as points cannot have."""
@@ -475,7 +455,7 @@ class ListedScenario(msgspec.Struct, frozen=True, kw_only=True):
 
 def listed_scenarios() -> list[ListedScenario]:
     """All of them, sorted by name (ScenarioError if one cannot be read)."""
-    return [_listed(Scenario.builtin(name)) for name in builtin_names()]
+    return [_listed(Scenario.builtin(name)) for name in scenario_file.builtin_names()]
 
 
 def _listed(scenario: Scenario) -> ListedScenario:

@@ -1,8 +1,10 @@
 """Scenario files: the TOML that describes a floor, a team and its motes."""
 
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from types import GenericAlias
+from typing import Annotated, Any, cast
 
 import msgspec
 import numpy as np
@@ -14,6 +16,7 @@ from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.model.ranges import Positive
+from robrain.protocol.registry import Registry
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -125,6 +128,12 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_rules(self.rules)
 
     @property
+    def added(self) -> dict[str, Any]:
+        """Tables of other distributions that the file has, by name."""
+        names = self.__struct_fields__[len(ScenarioTables.__struct_fields__) :]
+        return {name: table for name in names if (table := getattr(self, name)) is not None}
+
+    @property
     def robot_count(self) -> int:
         """Number of robots."""
         return self.team.robots or len(self.robots) or ROBOTS
@@ -139,6 +148,22 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Content of `[motes]`, `[radio]` and `[field]`."""
         spec = MoteSpec(**{name: getattr(self.motes, name) for name in MoteSpec.__struct_fields__})
         return SensorNetwork(motes=spec, radio=self.radio, field=self.field)
+
+
+SCENARIO_TABLES: Registry[type[msgspec.Struct]] = Registry(
+    "scenario table",
+    "robrain.scenario_tables",
+    dict.fromkeys(ScenarioTables.__struct_fields__, f"{__name__}:ScenarioTables"),
+)
+"""Types of tables by name. Robrain's own are the fields of `ScenarioTables`."""
+
+
+@cache
+def tables_type() -> type[ScenarioTables]:
+    """`ScenarioTables` with the tables of other distributions: each as `[NAME]`, as `[[NAME]]` or absent."""
+    kinds: list[Any] = [item for item in SCENARIO_TABLES.entries().items() if item[1] is not ScenarioTables]
+    fields = [(name, kind | GenericAlias(tuple, (kind, ...)) | None, None) for name, kind in kinds]
+    return cast("type[ScenarioTables]", msgspec.defstruct("ScenarioTables", fields, bases=(ScenarioTables,)))
 
 
 def scenario_document(tables: ScenarioTables) -> dict[str, Any]:
@@ -219,9 +244,9 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
     except BadToml as error:
         raise ScenarioError(f"{where}: {error}") from error
     try:
-        return convert(document, ScenarioTables)
+        return convert(document, tables_type())
     except msgspec.ValidationError as error:
-        if unknown := unknown_name(document, ScenarioTables):
+        if unknown := unknown_name(document, tables_type()):
             raise ScenarioError(f"{where}: {unknown}") from error
         what, _, key = str(error).replace(" | null`", "`").partition(" - at `$")  # TOML has no null: it leaves keys out
         key = key.rstrip("`").lstrip(".")

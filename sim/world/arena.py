@@ -175,6 +175,7 @@ class Arena:
         faults = [fault for fault in world.faults if fault.is_plain]
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self.tasks = TaskSchedule(world.tasks, endpoint)
+        self._added = [table.build(world, endpoint) for table in world.added]
         self._clock_publisher = endpoint.publisher(arena_messages.ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(arena_messages.ARENA_TRUTH)
         self._clock_period_ticks = max(1, round(CLOCK_PERIOD_S / tick_s))
@@ -232,6 +233,8 @@ class Arena:
             gateway.step()
         if self.tasks.is_on:
             self.tasks.step(self.sim_time_s)
+        for step in self._added:
+            step(to_ns(self.sim_time_s))
         if self._ticks % self._clock_period_ticks == 0:
             self._clock_publisher.put(ArenaClock(sim_time_s=self.sim_time_s))
         if self._ticks % self._true_pose_period_ticks == 0:

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -18,8 +18,10 @@ from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.serial.serial_line import SIMULATED
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.provenance import MAP_ATTACHMENT
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec
@@ -35,19 +37,11 @@ from robrain.sim.motes.motes import SensorNetwork
 from robrain.sim.points.point_team import HARDWARE_PLUGINS, PLACE, POINT_TICK_S, ROLES
 from robrain.sim.robot.robot_hardware import ArenaRobot, Controller, RobotHardware
 from robrain.sim.traffic.traffic import TrafficPlan
+from robrain.sim.world import robot_specs
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec
 from robrain.sim.world.referee import team_geometry
-from robrain.sim.world.robot_specs import (
-    BASE_PLUGIN,
-    IMU_PLUGIN,
-    LIDAR_PLUGIN,
-    RobotSpec,
-    check_places,
-    merged,
-    start_poses,
-    with_all,
-)
+from robrain.sim.world.robot_specs import IMU_PLUGIN, RobotSpec, check_places, merged, start_poses, with_all
 from robrain.sim.world.scenario_tasks import TaskSpec
 
 TICK_S = 0.02
@@ -94,6 +88,8 @@ class World:
     links: LinkSpec | None = None
     """Links between members; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
+    added: "tuple[AddedTable, ...]" = ()
+    """Tables of other distributions."""
 
     def check_live(self) -> None:
         """Raise ScenarioError for robots that are simulated only in lockstep."""
@@ -203,6 +199,23 @@ class World:
         return buffer.getvalue()
 
 
+class AddedTable(Checked, frozen=True, forbid_unknown_fields=True):
+    """A scenario's table of another distribution; its entry point in `robrain.scenario_tables` has its name."""
+
+    def build(self, world: World, wire: Endpoint) -> Callable[[int], None]:
+        """Add its content to an arena, before the first tick.
+
+        Args:
+            world: the floor with robots and motes.
+            wire: the arena's endpoint.
+
+        Returns:
+            A function that each tick calls with the simulated time in ns.
+
+        """
+        raise NotImplementedError
+
+
 def point_load(load: Sequence[str] | None, *, has_motes: bool) -> list[str]:
     """Plugins of a robot that is a point: those that need no hardware that points lack.
 
@@ -263,7 +276,7 @@ def _software(specs: Sequence[RobotSpec], number: int) -> dict[str, Any]:
         return {}
     spec = specs[number - 1]
     load = spec.load
-    has_lidar = load is None or LIDAR_PLUGIN in load
+    has_lidar = load is None or robot_specs.LIDAR_PLUGIN in load
     return {"load": None if load is None else tuple(load), "plugins": spec.parameters, "has_lidar": has_lidar}
 
 
@@ -343,10 +356,10 @@ def _base(robot: ArenaRobot, disturbance: DisturbanceSpec) -> dict[str, Any]:
 
 def _roles(robot: ArenaRobot) -> dict[str, str]:
     protocol = robot.lidar.protocol
-    roles = {} if protocol is LidarProtocol.WIRE else {LIDAR_PLUGIN: protocol.value}
+    roles = {} if protocol is LidarProtocol.WIRE else {robot_specs.LIDAR_PLUGIN: protocol.value}
     if robot.imu is not None:
         roles[IMU_PLUGIN] = "serial_imu"
-    return roles if robot.controller is Controller.CAN else {**roles, BASE_PLUGIN: "serial_base"}
+    return roles if robot.controller is Controller.CAN else {**roles, robot_specs.BASE_PLUGIN: "serial_base"}
 
 
 def _lidar(robot: ArenaRobot) -> dict[str, dict[str, Any]]:
@@ -354,8 +367,8 @@ def _lidar(robot: ArenaRobot) -> dict[str, dict[str, Any]]:
     lidar = robot.lidar
     mount = {} if lidar.mount == Mount() else {"mount": msgspec.to_builtins(lidar.mount)}
     if lidar.protocol is not LidarProtocol.WIRE:
-        return {LIDAR_PLUGIN: {"port": f"{SIMULATED}{LINE}", "range_max_m": lidar.range_max_m, **mount}}
-    return {LIDAR_PLUGIN: mount} if mount else {}
+        return {robot_specs.LIDAR_PLUGIN: {"port": f"{SIMULATED}{LINE}", "range_max_m": lidar.range_max_m, **mount}}
+    return {robot_specs.LIDAR_PLUGIN: mount} if mount else {}
 
 
 def manifest_texts(world: World, team: str = DEFAULT_TEAM) -> dict[str, str]:

@@ -7,22 +7,8 @@ import msgspec
 import pytest
 
 from robrain.dashboard.html.team_html import strip_html
-from robrain.dashboard.state.headline import (
-    AGREES,
-    ASTRAY_M,
-    HARDLY_AGREES,
-    LATE_S,
-    MAP_FAR_OFF,
-    MAP_OFF,
-    MAPLESS_S,
-    REFUSED_S,
-    UNSURE_M,
-    VERY_LATE_S,
-    Grade,
-    Vitals,
-    headline_of,
-    vitals_of,
-)
+from robrain.dashboard.state import headline
+from robrain.dashboard.state.headline import Grade, Vitals, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
@@ -55,13 +41,13 @@ def with_robots(condition: RobotHealth) -> Vitals:
         (replace(with_robots(RobotHealth.HALTED), halted=True), Grade.BAD, ()),
         (replace(WELL, coordinator_up=False), Grade.BAD, ("coordinator lost",)),
         (replace(WELL, coordinator_up=None), Grade.GOOD, ()),
-        (replace(WELL, worst_sigma_m=UNSURE_M), Grade.WARN, ("r1: position ± 0.5 m",)),
-        (replace(WELL, worst_sigma_m=ASTRAY_M), Grade.BAD, ("r1: position ± 2.0 m",)),
+        (replace(WELL, worst_sigma_m=headline.UNSURE_M), Grade.WARN, ("r1: position ± 0.5 m",)),
+        (replace(WELL, worst_sigma_m=headline.ASTRAY_M), Grade.BAD, ("r1: position ± 2.0 m",)),
         (replace(WELL, worst_sigma_m=math.nan), Grade.GOOD, ()),
-        (replace(WELL, share_off=MAP_OFF), Grade.GOOD, ()),
+        (replace(WELL, share_off=headline.MAP_OFF), Grade.GOOD, ()),
         (replace(WELL, share_off=0.031), Grade.WARN, ("3.1 % of the map wrong",)),
         (
-            replace(WELL, share_off=MAP_FAR_OFF + 0.01, doubled_walls_m=12.6),
+            replace(WELL, share_off=headline.MAP_FAR_OFF + 0.01, doubled_walls_m=12.6),
             Grade.BAD,
             ("6.0 % of the map wrong, 13 m of walls doubled",),
         ),
@@ -70,22 +56,22 @@ def with_robots(condition: RobotHealth) -> Vitals:
             Grade.BAD,
             ("r2: 1.2 m off, not reported",),
         ),
-        (replace(WELL, least_agreement=AGREES, least_agreement_robot="r3"), Grade.GOOD, ()),
+        (replace(WELL, least_agreement=headline.AGREES, least_agreement_robot="r3"), Grade.GOOD, ()),
         (
             replace(WELL, least_agreement=0.55, least_agreement_robot="r3"),
             Grade.WARN,
             ("r3: lidar agrees 55 % with map",),
         ),
         (
-            replace(WELL, least_agreement=HARDLY_AGREES - 0.1, least_agreement_robot="r3"),
+            replace(WELL, least_agreement=headline.HARDLY_AGREES - 0.1, least_agreement_robot="r3"),
             Grade.BAD,
             ("r3: lidar agrees 40 % with map",),
         ),
         (replace(WELL, map_missing=True), Grade.WARN, ("no map",)),
         (replace(WELL, map_refused=True), Grade.WARN, ("a map patch does not fit",)),
-        (replace(WELL, late_s=LATE_S), Grade.GOOD, ()),
+        (replace(WELL, late_s=headline.LATE_S), Grade.GOOD, ()),
         (replace(WELL, late_s=1.6), Grade.WARN, ("data 2 s late",)),
-        (replace(WELL, late_s=VERY_LATE_S + 2), Grade.BAD, ("data 5 s late",)),
+        (replace(WELL, late_s=headline.VERY_LATE_S + 2), Grade.BAD, ("data 5 s late",)),
         (replace(WELL, late_s=1.6, coordinator_up=False), Grade.BAD, ("coordinator lost", "data 2 s late")),
         (replace(with_robots(RobotHealth.LOST), map_missing=True), Grade.BAD, ("no map",)),
     ],
@@ -123,15 +109,15 @@ def test_summary_that_stops_is_late_though_the_coordinators_token_stands() -> No
 
 def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a_while() -> None:
     view = ShownTeam()
-    for at_s in (0.0, MAPLESS_S + 1):
+    for at_s in (0.0, headline.MAPLESS_S + 1):
         assert not vitals_of(view, at_s).map_missing
         tell_place(view, "r1", 0.0, at_s)
-    assert vitals_of(view, MAPLESS_S + 1).map_missing
-    tell(view, ROBOT_MAP, patch([[0, 100]]), MAPLESS_S + 1, robot="r1")
-    assert not vitals_of(view, MAPLESS_S + 1).map_missing
+    assert vitals_of(view, headline.MAPLESS_S + 1).map_missing
+    tell(view, ROBOT_MAP, patch([[0, 100]]), headline.MAPLESS_S + 1, robot="r1")
+    assert not vitals_of(view, headline.MAPLESS_S + 1).map_missing
     tell(view, ROBOT_MAP, msgspec.structs.replace(patch([[0]]), width=99), 20.0, robot="r1")
     assert vitals_of(view, 20.0).map_refused
-    assert not vitals_of(view, 20.1 + REFUSED_S).map_refused
+    assert not vitals_of(view, 20.1 + headline.REFUSED_S).map_refused
 
 
 def truth_of(*robots: tuple[str, PoseAccuracy | None], off: int = 0, cells: int = 1000) -> ArenaTruth:
