@@ -5,7 +5,7 @@ class Gripper(Unit):
     finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
-        self._actions = ActionDesk(self.env, self.progress, self.finished)
+        self._actions = Actions(self.env, self.progress, self.finished)
 
     @external
     def close(self) -> ActionId:
@@ -42,7 +42,7 @@ NS_PER_MS = 1_000_000
 
 
 class Action:
-    """One action; made by `ActionDesk.start`. Calls after its end do nothing."""
+    """One action; made by `Actions.start`. Calls after its end do nothing."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class Action:
         self._end(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=reason))
 
 
-class ActionDesk:
+class Actions:
     """The actions of one plugin. May be used from any thread.
 
     Args:

@@ -154,7 +154,7 @@ class EventPublisher:
     def __init__(self, source: Event[Any], wire: Endpoint, *, robot: str, plugin: str, event: str) -> None:
         self._event = source
         self._wire = wire
-        self._message = plugin_messages.Event(robot=robot, plugin=plugin, event=event)
+        self._message = plugin_messages.PluginEvent(robot=robot, plugin=plugin, event=event)
         self._publisher = wire.publisher(ROBOT_EVENT, robot=robot, plugin=plugin, event=event)
         self._lock = threading.Lock()
         self._is_open = True

@@ -24,7 +24,7 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied, OfferRefusal, PlainReason, plain, sentence_of
+from robrain.protocol.reasons import DoneJustNow, NoState, Occupied, OfferRefusal, PlainReason, plain, sentence_of
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""
@@ -160,7 +160,7 @@ class RobotTasks:
         """
         for mine in summary.robots:
             if mine.name == robot:
-                if not isinstance(mine.out, NotHeard):
+                if not isinstance(mine.out, NoState):
                     self.coordinator_seen_ns = now_ns - to_ns(mine.age_s)
                 elif summary.seq < FIRST_SUMMARIES:
                     self.coordinator_seen_ns = now_ns

@@ -41,18 +41,18 @@ from robrain.protocol.messages.tasks.plan_messages import (
 )
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_DRY_RUN,
+    TASK_EXPLAIN,
     TASK_GET,
     TASK_KINDS,
     TASK_LIST,
     TASK_SUBMIT,
-    TASK_WHY,
     KnownKind,
     TaskDryRun,
+    TaskExplanation,
     TaskFilter,
     TaskRecord,
     TaskRequest,
     TaskSubmission,
-    TaskWhy,
 )
 from robrain.protocol.messages.team.standing_messages import (
     COORDINATOR_LEAD,
@@ -324,9 +324,9 @@ class Team(RobotCalls):
         """Return a task's record (CallError for an unknown id)."""
         return self._requests.coordinator(TASK_GET, TaskRequest(id=id_of(task)))
 
-    def why(self, task: TaskName) -> TaskWhy:
+    def why(self, task: TaskName) -> TaskExplanation:
         """Explain a task's state, with each robot's cost or exclusion (CallError for an unknown id)."""
-        return self._requests.coordinator(TASK_WHY, TaskRequest(id=id_of(task)))
+        return self._requests.coordinator(TASK_EXPLAIN, TaskRequest(id=id_of(task)))
 
     def list(self, wanted: TaskFilter | None = None) -> TaskRecords:
         """Return the matching tasks, in the order of acceptance."""

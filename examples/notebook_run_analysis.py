@@ -29,7 +29,7 @@ print(states.groupby("robot")[["speed_m_s", "battery.soc"]].agg(["mean", "min"])
 # %% Distance driven by each robot, from its own poses
 steps = states.sort_values("t_s").groupby("robot")[["pose.x_m", "pose.y_m"]].diff()
 states["step_m"] = (steps["pose.x_m"] ** 2 + steps["pose.y_m"] ** 2) ** 0.5
-print(states.groupby("robot")["step_m"].sum().round(1).rename("way_m"))
+print(states.groupby("robot")["step_m"].sum().round(1).rename("path_m"))
 
 # %% Typed messages
 done = [event for event in run.messages("task_event") if event.message.state == "done"]

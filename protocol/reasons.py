@@ -160,13 +160,13 @@ class RobotHalted(Reason, frozen=True, tag="robot_halted"):
     sentence = "the robot is halted"
 
 
-class StoodStill(Reason, frozen=True, tag="stood_still"):
+class ProcessPaused(Reason, frozen=True, tag="process_paused"):
     """The robot's process was paused; the offer may have waited for it longer than the coordinator did."""
 
-    sentence = "its process has just stood still, and the offer may have waited"
+    sentence = "its process was just paused, and the offer may have waited"
 
 
-OfferRefusal = DoneJustNow | NeedsEnergy | Occupied | PositionLost | RobotHalted | StoodStill | PlainReason
+OfferRefusal = DoneJustNow | NeedsEnergy | Occupied | PositionLost | RobotHalted | ProcessPaused | PlainReason
 
 
 def no_path() -> PlainReason:
@@ -196,13 +196,13 @@ class Gone(Reason, frozen=True, tag="gone"):
     sentence = "gone"
 
 
-class NotHeard(Reason, frozen=True, tag="not_heard"):
-    """No state of it has come yet."""
+class NoState(Reason, frozen=True, tag="no_state"):
+    """No state of it has arrived yet."""
 
-    sentence = "nothing heard yet"
+    sentence = "no state received yet"
 
 
-Unavailable = Gone | NotHeard | PlainReason
+Unavailable = Gone | NoState | PlainReason
 
 
 class OutOfReach(Reason, frozen=True, tag="out_of_reach"):
@@ -247,7 +247,7 @@ class LacksEnergy(Reason, frozen=True, tag="lacks_energy"):
     """Energy that it lacks."""
 
 
-RobotReason = BelowReserve | Gone | LacksEnergy | NotHeard | OutOfReach | Refused | PlainReason
+RobotReason = BelowReserve | Gone | LacksEnergy | NoState | OutOfReach | Refused | PlainReason
 
 
 def halted() -> PlainReason:
@@ -297,10 +297,10 @@ def after_undone(task: str) -> PlainReason:
 # -- a task is as it is -----------------------------------------------------------------------------------------------
 
 
-class MinorityHeard(Reason, frozen=True, tag="minority_heard"):
-    """The coordinator receives too few of its robots: the others may allocate tasks themselves."""
+class MinorityReached(Reason, frozen=True, tag="minority_reached"):
+    """The coordinator receives too few of its robots: the others may allocate tasks among themselves."""
 
-    sentence = "{received} of {robots} robots are heard, and the others may allocate tasks among themselves"
+    sentence = "{received} of {robots} robots are reached; the others may allocate tasks among themselves"
 
     received: Count
     """Robots that it receives."""
@@ -360,7 +360,7 @@ class RobotOut(Reason, frozen=True, tag="robot_out"):
 
 
 DirectReason = (
-    Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityHeard | NearestOut | NotHeard | PlanLeavesOut | RobotOut
+    Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut | RobotOut
     | WaitsForCharge | PlainReason
 )  # fmt: skip
 """A reason of a task that holds no other reason of a task."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from robrain.protocol.kernel_cache import choose_kernel_cache as _choose_kernel_cache
 
 if TYPE_CHECKING:
-    from robrain.agent.action import ActionDesk
+    from robrain.agent.action import Actions
     from robrain.agent.environment import Environment
     from robrain.agent.errors import (
         AccessDenied,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from robrain.protocol.messages.robots.robot_messages import RobotState
     from robrain.protocol.messages.tasks.offer_messages import TaskEvent
     from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
-    from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskFilter, TaskRecord, TaskWhy
+    from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskExplanation, TaskFilter, TaskRecord
     from robrain.protocol.messages.team.team_messages import TeamState
     from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -59,10 +59,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AccessDenied",
-    "ActionDesk",
     "ActionEnd",
     "ActionId",
     "ActionProgress",
+    "Actions",
     "BadName",
     "BadTask",
     "BatterySpec",
@@ -117,11 +117,11 @@ __all__ = [
     "SweepResult",
     "Task",
     "TaskEvent",
+    "TaskExplanation",
     "TaskFilter",
     "TaskParameters",
     "TaskRecord",
     "TaskState",
-    "TaskWhy",
     "Team",
     "TeamState",
     "Twist2D",
@@ -141,7 +141,7 @@ __all__ = [
 
 # Imported on first use: a robot has the plain install, without the simulator.
 _NAMES = {
-    "robrain.agent.action": ("ActionDesk",),
+    "robrain.agent.action": ("Actions",),
     "robrain.agent.environment": ("Environment",),
     "robrain.agent.errors": (
         "AccessDenied",
@@ -178,7 +178,7 @@ _NAMES = {
     "robrain.protocol.messages.robots.action_messages": ("ActionEnd", "ActionId", "ActionProgress", "Outcome"),
     "robrain.protocol.messages.robots.plugin_messages": ("PluginInfo",),
     "robrain.protocol.messages.robots.robot_messages": ("RobotState",),
-    "robrain.protocol.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskWhy"),
+    "robrain.protocol.messages.tasks.task_messages": ("KnownKind", "TaskFilter", "TaskRecord", "TaskExplanation"),
     "robrain.protocol.messages.team.team_messages": ("TeamState",),
     "robrain.sim.world.chargers": ("ChargerSpec",),
     "robrain.sim.firmware.disturbance": ("DisturbanceSpec", "PauseSpec"),

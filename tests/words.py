@@ -49,8 +49,8 @@ VERBS = {
     *("taking", "tell", "telling", "tells", "told", "took", "way", "ways", "why", "whoever"),
 }
 CLASS_WORDS = VERBS | {"desk", "watch", "view"}
-STANDARD = re.compile(r"right_of_way|stand_?by|take_over|look_(?:ahead|at|up)|^_*why$", re.IGNORECASE)
-"""Standard terms that contain such words, and the field with the reason of a state, in words: `robrain task why`."""
+STANDARD = re.compile(r"right_of_way|stand_?by|take_over|look_(?:ahead|at|up)|^_*why$|^tell$", re.IGNORECASE)
+"""Standard terms that contain such words: `robrain task why`, and `tell` of Python's binary files."""
 TABLE = re.compile(r"^\s*[|│├└].*$", re.MULTILINE)
 BEGINNING = re.compile(r"(?:What|Who|Whoever|As long|So many)\b(?!.*\?$)")
 PHRASE = re.compile(

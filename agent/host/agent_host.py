@@ -54,7 +54,7 @@ from robrain.protocol.messages.tasks.offer_messages import (
 )
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.reasons import RobotHalted, StoodStill
+from robrain.protocol.reasons import ProcessPaused, RobotHalted
 from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.table.topics import HOST_VERB
 from robrain.protocol.wire.endpoint import Drive, Endpoint, OnOutside, Request, Serve
@@ -432,7 +432,7 @@ class AgentHost:
         now_ns = self.clock.now_ns()
         if now_ns < self._awake_ns or now_ns - self._stepped_ns > PAUSED_NS:
             # The coordinator may have given the offer up, or have ended.
-            return TaskAnswer.refused(StoodStill())
+            return TaskAnswer.refused(ProcessPaused())
         self.wire.traces.record(request.asked.task.id, request.trace)
         for extension in self.extensions.values():
             if reason := extension.offer_refusal(request.asked.task.id, now_ns):

@@ -31,12 +31,12 @@ class PowerPrior(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     Raises ValueError if a value is impossible.
     """
 
-    standing_w: Positive = 8.0
+    idle_w: Positive = 8.0
     moving_w: Positive = 0.4
     speed_w_per_m_s: Positive = 9.0
     yaw_w_per_rad_s: Positive = 1.5
     acceleration_kg: Positive = 8.0
-    standing_sd: Positive = 3.0
+    idle_sd: Positive = 3.0
     moving_sd: Positive = 0.5
     speed_sd: Positive = 4.0
     yaw_sd: Positive = 0.7
@@ -45,8 +45,8 @@ class PowerPrior(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Variance per second of the integral of the unexplained power."""
     memory_s: Positive = 300.0
     """Time constant of forgetting."""
-    standing_drift_w: Positive = 1.0
-    """Drift of the standing power within an hour, a standard deviation: the computer's load changes."""
+    idle_drift_w: Positive = 1.0
+    """Drift of the idle power within an hour, a standard deviation: the computer's load changes."""
     pace_m_s: Positive = 0.5
     turn_rate_rad_s: Positive = 1.2
 
@@ -62,12 +62,12 @@ class PowerLearner:
     def __init__(self, prior: PowerPrior) -> None:
         self.prior = prior
         self._mean = np.array([getattr(prior, name) for name in TERMS])
-        sds = [prior.standing_sd, prior.moving_sd, prior.speed_sd, prior.yaw_sd, prior.acceleration_sd]
+        sds = [prior.idle_sd, prior.moving_sd, prior.speed_sd, prior.yaw_sd, prior.acceleration_sd]
         self._covariance = np.diag(np.square(sds))
         self._batch_s = self._batch_j = 0.0
         self._batches = PRIOR_BATCHES
         self.residual_w2_s = prior.residual_w2_s
-        self.drift_w2_per_s = _short(prior.standing_drift_w**2 / 3600.0)
+        self.drift_w2_per_s = _short(prior.idle_drift_w**2 / 3600.0)
         self.pace_m_s = prior.pace_m_s
         """Mean speed on the path; `turn_rate_rad_s` is that of turns on the spot."""
         self.turn_rate_rad_s = prior.turn_rate_rad_s
@@ -225,9 +225,9 @@ class Consumption:
 
     def __init__(self, prior: PowerPrior, packet_j: float, relative_sd: float) -> None:
         self.learner = PowerLearner(prior)
-        self.power_w = prior.standing_w
+        self.power_w = prior.idle_w
         """Averaged over some seconds; `usual_power_w` over minutes."""
-        self.usual_power_w = prior.standing_w
+        self.usual_power_w = prior.idle_w
         self._packet_j = packet_j
         self._terms = MotionTerms()
         self._begun: Drawn | None = None

@@ -68,7 +68,7 @@ class Choice(NamedTuple):
     robot: str
     place: Point2D
     cost_m: float
-    way_m: float = math.nan
+    path_m: float = math.nan
     """Length of the path."""
     is_narrow: bool = False
     """Whether the path passes places with less than the preferred clearance."""
@@ -112,7 +112,7 @@ class Situation:
         self._costs_between = path_costs if costs_between is None else costs_between
 
     @cached_property
-    def ways_m(self) -> NDArray[np.float64]:
+    def paths_m(self) -> NDArray[np.float64]:
         """Path costs (seekers, frontiers), metres of open floor; inf where there is no path, or the robot avoids it.
 
         Also inf where the robot's energy does not suffice for the path there and home. The frontier to which a robot
@@ -155,12 +155,12 @@ class Situation:
         return least_m
 
     @cached_property
-    def busy_ways_m(self) -> NDArray[np.float64]:
+    def busy_paths_m(self) -> NDArray[np.float64]:
         """Path costs (busy robots, frontiers), from where the robots are."""
         return _frozen(self._from([robot.place for robot in self.busy]))
 
     @cached_property
-    def taken_m(self) -> NDArray[np.float64]:
+    def goal_paths_m(self) -> NDArray[np.float64]:
         """Path costs (busy robots, frontiers), from the robots' goals."""
         return _frozen(self._from([robot.goal for robot in self.busy]))
 
@@ -189,7 +189,7 @@ class Situation:
 
     def choice(self, row: int, column: int, cost_m: float | None = None) -> Choice:
         """The choice of a frontier for a seeker, by their numbers; its cost is the path's unless it is given."""
-        path_m = float(self.ways_m[row, column])
+        path_m = float(self.paths_m[row, column])
         cost_m = path_m if cost_m is None else float(cost_m)
         return Choice(self.seekers[row].name, self.candidates[column].place, cost_m, path_m, self.is_narrow)
 

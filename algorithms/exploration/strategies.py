@@ -35,7 +35,7 @@ def joint(situation: Situation) -> list[Choice]:
     from scipy.optimize import linear_sum_assignment
 
     added_m = _crowding_m(situation.candidates, [robot.goal for robot in situation.busy]) - worth_m(situation)
-    paths_m = situation.ways_m
+    paths_m = situation.paths_m
     costs = np.where(np.isfinite(paths_m), paths_m + added_m, UNREACHABLE)
     rows, columns = linear_sum_assignment(costs)
     return [
@@ -71,7 +71,7 @@ def nearest(situation: Situation) -> list[Choice]:
 
     After Yamauchi, Frontier-Based Exploration Using Multiple Robots, 1998.
     """
-    return _in_turn(situation, np.zeros(situation.ways_m.shape, np.int64))
+    return _in_turn(situation, np.zeros(situation.paths_m.shape, np.int64))
 
 
 def minpos(situation: Situation) -> list[Choice]:
@@ -80,15 +80,15 @@ def minpos(situation: Situation) -> list[Choice]:
     After Bautin, Simonin, Charpillet, MinPos: A Novel Frontier Allocation Algorithm for Multi-robot Exploration, ICIRA
     2012. All robots count, also those that keep their goals.
     """
-    paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
-    return _in_turn(situation, np.array([np.count_nonzero(paths_m < own_m, axis=0) for own_m in situation.ways_m]))
+    paths_m = np.concatenate([situation.paths_m, situation.busy_paths_m])
+    return _in_turn(situation, np.array([np.count_nonzero(paths_m < own_m, axis=0) for own_m in situation.paths_m]))
 
 
 def _in_turn(situation: Situation, ranks: NDArray[np.int64]) -> list[Choice]:
     """Each robot in turn takes the free frontier of the least rank (seekers, frontiers), the nearest among those."""
     claimed = _claimed(situation)
     choices: list[Choice] = []
-    for row, paths_m in enumerate(situation.ways_m.tolist()):
+    for row, paths_m in enumerate(situation.paths_m.tolist()):
         able = [
             (int(ranks[row, column]), path_m, column)
             for column, path_m in enumerate(paths_m)
@@ -108,8 +108,8 @@ def burgard(situation: Situation) -> list[Choice]:
     and falls linearly with the path between them to 0 at the sensor's range. After Burgard, Moors, Stachniss,
     Schneider, Coordinated Multi-Robot Exploration, IEEE Transactions on Robotics 21(3), 2005, algorithm 1.
     """
-    utility = 1.0 - _seen_from(situation.taken_m).sum(axis=0)
-    paths_m = situation.ways_m.copy()
+    utility = 1.0 - _seen_from(situation.goal_paths_m).sum(axis=0)
+    paths_m = situation.paths_m.copy()
     paths_m[:, sorted(_claimed(situation))] = math.inf
     choices: list[Choice] = []
     while np.isfinite(paths_m).any():
@@ -231,7 +231,7 @@ def _choices_refusal(made: Sequence[object], situation: Situation) -> str:
             return f"{choice.robot} is not idle, or is chosen twice"
         if choice.place not in columns or choice.place in places:
             return f"{choice.robot} is sent to what is no frontier, or is another's"
-        if not math.isfinite(situation.ways_m[rows[choice.robot], columns[choice.place]]):
+        if not math.isfinite(situation.paths_m[rows[choice.robot], columns[choice.place]]):
             return f"{choice.robot} has no path to its frontier"
         robots.add(choice.robot)
         places.add(choice.place)

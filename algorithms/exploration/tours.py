@@ -215,7 +215,7 @@ def tours(situation: Situation) -> list[Choice]:
     weights = (LEAST_WEIGHT_M2 + unknown_m2) * claimed_share(situation)
     columns = considered(situation, weights, stay_m)
     stays_m = np.full(len(columns), stay_m)
-    places = Places(situation.ways_m[:, columns], situation.between(columns), weights[columns], stays_m, FAR_M)
+    places = Places(situation.paths_m[:, columns], situation.between(columns), weights[columns], stays_m, FAR_M)
     return _firsts(situation, columns, places)
 
 
@@ -228,13 +228,13 @@ def claimed_share(situation: Situation) -> NDArray[np.float64]:
     """By how much each frontier counts for less because it is near a busy robot's goal, (frontiers,), above 0 to 1."""
     if not situation.busy:
         return np.ones(len(situation.candidates))
-    share: NDArray[np.float64] = np.maximum(np.minimum(situation.taken_m.min(axis=0) / SHARED_M, 1.0), 1e-3)
+    share: NDArray[np.float64] = np.maximum(np.minimum(situation.goal_paths_m.min(axis=0) / SHARED_M, 1.0), 1e-3)
     return share
 
 
 def considered(situation: Situation, weights: NDArray[np.float64], stay_m: float) -> list[int]:
     """Numbers of the frontiers to share out, ascending; none that no robot can reach."""
-    least_m = situation.ways_m.min(axis=0)
+    least_m = situation.paths_m.min(axis=0)
     value = np.where(np.isfinite(least_m), weights / (least_m + stay_m), 0.0)
     order = np.argsort(-value, kind="stable")[:CONSIDERED]
     return sorted(column for column in order.tolist() if value[column] > 0)
@@ -265,7 +265,7 @@ def rooms(situation: Situation) -> list[Choice]:
     shares_m2 = np.array(unknown_m2) if floor is None else floor.shares_m2
     weights = (LEAST_WEIGHT_M2 + np.minimum(shares_m2, SHARE_LIMIT_M2)) * claimed_share(situation)
     columns = considered(situation, weights, ROOM_STAY_M)
-    first_m = (situation.ways_m + meetings_m(situation))[:, columns]
+    first_m = (situation.paths_m + meetings_m(situation))[:, columns]
     between_m = situation.between(columns)
     if floor is not None:
         room_of = floor.frontier_rooms[columns]
@@ -282,14 +282,14 @@ def meetings_m(situation: Situation) -> NDArray[np.float64]:
     Two paths, from a to b and from c to d, run against each other over half of ab + cd − ad − cb. This holds if the
     paths between all of them form a tree, as they nearly do in a building of rooms and corridors.
     """
-    paths_m = np.concatenate([situation.ways_m, situation.busy_ways_m])
+    paths_m = np.concatenate([situation.paths_m, situation.busy_paths_m])
     goals = [*(seeker.goal for seeker in situation.seekers), *(robot.goal for robot in situation.busy)]
-    lost_m = np.zeros_like(situation.ways_m)
+    lost_m = np.zeros_like(situation.paths_m)
     for teammate, goal in enumerate(goals):
         column = None if goal is None else situation.column_of(goal)
         if column is None or not np.isfinite(paths_m[teammate, column]):
             continue
-        own_m = situation.ways_m
+        own_m = situation.paths_m
         with np.errstate(invalid="ignore"):
             against_m = 0.5 * (own_m + paths_m[teammate, column] - own_m[:, column, None] - paths_m[teammate])
         against_m = np.where(np.isfinite(against_m), against_m, 0.0)

@@ -12,7 +12,7 @@ from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.plan_executor import PlanExecutor
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.planning.task_requests import TaskRequests
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -258,7 +258,7 @@ class Core:
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts)
         self.planning = Planning(self.lifecycle, self.team_map, policy)
-        self.explanation = TaskExplanation(self.lifecycle, self.planning, self.parts.verdicts)
+        self.explanation = TaskExplainer(self.lifecycle, self.planning, self.parts.verdicts)
         coalitions = Coalitions(self.planning, self.lifecycle, self.explanation, self.team_map, self.new_id)
         self.executor = PlanExecutor(self.planning, self.lifecycle, self.explanation, coalitions)
         self.requests = TaskRequests(

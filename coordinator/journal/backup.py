@@ -137,7 +137,7 @@ class Restored(msgspec.Struct, frozen=True, kw_only=True):
     """The journal."""
     contents: JournalContents
     """Its contents now."""
-    told: list[str]
+    report: list[str]
     """Place of its previous contents, as text."""
 
 
@@ -243,7 +243,7 @@ def restore_backup(backup: Path, journal: Path) -> Restored:
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except sqlite3.OperationalError as error:
             raise JournalUnwritable(journal, f"cannot be written: {error}") from error
-    return Restored(path=journal, contents=check_journal(journal), told=report)
+    return Restored(path=journal, contents=check_journal(journal), report=report)
 
 
 def prune_backups(folder: Path, kept: int, but: Path | None = None) -> list[Path]:

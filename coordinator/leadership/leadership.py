@@ -30,7 +30,7 @@ from robrain.protocol.messages.team.standing_messages import (
     StandByState,
 )
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
-from robrain.protocol.reasons import MinorityHeard, TaskReason, sentence_of
+from robrain.protocol.reasons import MinorityReached, TaskReason, sentence_of
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
 
 logger = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class JournalFeed:
         journal.on_written = self._written
         wire.answer(COORDINATOR_COPY, self._page, serve=Serve.IN_STEP)
 
-    def status(self, held_back: MinorityHeard | None = None) -> StandByStatus:
+    def status(self, held_back: MinorityReached | None = None) -> StandByStatus:
         """For the coordinator's summary, with the reason why no task is offered."""
         return StandByStatus(
             process=self.process,
@@ -219,7 +219,7 @@ class Leadership(CoordinatorPart):
 
     def __init__(self, core: Core) -> None:
         super().__init__(core)
-        self.held_back: MinorityHeard | None = None
+        self.held_back: MinorityReached | None = None
         """Why nothing is offered; None if it may be."""
         self._roster, self._clock = core.roster, core.wire.clock
         self._counted: frozenset[str] = frozenset()
@@ -253,7 +253,7 @@ class Leadership(CoordinatorPart):
         if 2 * apart > len(counted):
             is_new = self.held_back is None
             self._counted, self._apart_ns = frozenset(robot.name for robot in counted), now_ns
-            self.held_back = MinorityHeard(in_contact, len(counted))
+            self.held_back = MinorityReached(in_contact, len(counted))
             self._log(self.held_back, now_ns)
             if is_new:
                 self.core.lifecycle.revoke(_received_by_most(counted), self.held_back, now_ns)
@@ -290,7 +290,7 @@ class Leadership(CoordinatorPart):
             return False
         return robot.name in self._counted or now_ns - seen_ns <= COUNTED_NS
 
-    def _log(self, reason: MinorityHeard, now_ns: int) -> None:
+    def _log(self, reason: MinorityReached, now_ns: int) -> None:
         if self._held_since_ns is None:
             self._held_since_ns = now_ns
         if self._is_reported or now_ns - self._held_since_ns < REPORT_NS:

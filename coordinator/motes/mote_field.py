@@ -460,7 +460,7 @@ class FieldKeeper(CoordinatorPart):
         """Stand in where most of the floor would otherwise be covered by no mote."""
         placed = self.ledger.placed()
         ending = [mote.is_dead(now_ns) or mote.remaining_s(now_ns) < self._policy.replace_before_s for mote in placed]
-        room = self._policy.stand_ins - self._count(REPLACE)
+        room = self._policy.replacements - self._count(REPLACE)
         if room <= 0 or not any(ending):
             return
         cover = self.ledger.cover()
@@ -476,7 +476,7 @@ class FieldKeeper(CoordinatorPart):
             reported |= cover.covered[best]
             room -= 1
             mote = placed[best]
-            wanted = Replace(mote=mote.name, duration_s=self._policy.stand_in_s, period_s=mote.usual_period_s)
+            wanted = Replace(mote=mote.name, duration_s=self._policy.replacement_s, period_s=mote.usual_period_s)
             remaining_s = max(0.0, mote.remaining_s(now_ns)) if not mote.is_dead(now_ns) else 0.0
             cells = f"the cells of {mote.name} {f'last for {remaining_s:.0f} s' if remaining_s else 'are empty'}"
             reason = plain("mote_ends", cells, mote=mote.name, remaining_s=round(remaining_s, 3))

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
@@ -63,7 +63,7 @@ class Coalitions:
         self,
         planning: Planning,
         lifecycle: TaskLifecycle,
-        explanation: TaskExplanation,
+        explanation: TaskExplainer,
         team_map: TeamMap,
         new_id: Callable[[str], str],
     ) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.task_explanation import Refusal, TaskExplanation, distance_m, verdicts
+from robrain.coordinator.planning.task_explanation import Refusal, TaskExplainer, distance_m, verdicts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
@@ -31,7 +31,7 @@ class PlanExecutor:
     """
 
     def __init__(
-        self, planning: Planning, lifecycle: TaskLifecycle, explanation: TaskExplanation, coalitions: Coalitions
+        self, planning: Planning, lifecycle: TaskLifecycle, explanation: TaskExplainer, coalitions: Coalitions
     ) -> None:
         self._planning, self._lifecycle, self._book = planning, lifecycle, lifecycle.book
         self._explanation, self._coalitions = explanation, coalitions

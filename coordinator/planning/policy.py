@@ -35,9 +35,9 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     """Age of a mote's newest reading at which a robot is to collect; 0: never."""
     collect_timeout_s: Positive = 20.0
     """Longest wait at a mote; at least three of its periods."""
-    stand_ins: NotNegativeInt = 0
+    replacements: NotNegativeInt = 0
     """Number of robots that may stand in for motes at the same time."""
-    stand_in_s: Positive = 120.0
+    replacement_s: Positive = 120.0
     """Duration of such a task."""
     replace_before_s: NotNegative = 60.0
     """Time before a mote's predicted end at which a robot may stand in for it."""
@@ -57,7 +57,7 @@ class MoteFieldPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=
     @property
     def is_on(self) -> bool:
         """Whether there is anything to do or to report."""
-        return bool(self.watch or self.collect_age_s or self.stand_ins or self.relays or self.turns_s)
+        return bool(self.watch or self.collect_age_s or self.replacements or self.relays or self.turns_s)
 
 
 class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):

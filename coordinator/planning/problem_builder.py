@@ -94,7 +94,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
         workers=tuple(workers),
         profiles=tuple(profiles),
         places=len(goals) + len(starts),
-        ways_cm=encode_lengths(length_m),
+        paths_cm=encode_lengths(length_m),
     )
     charger_distances = {
         name: ChargerDistances(

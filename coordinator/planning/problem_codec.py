@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.allocation.problem import Job, Problem, Worker
+from robrain.protocol.model.tasks.old_form import upgraded
 
 M_PER_CM = 0.01
 LONGEST_CM = 2**30
@@ -37,18 +38,18 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
     workers: tuple[Worker, ...]
     profiles: tuple[Profile, ...]
     places: int
-    ways_cm: bytes
+    paths_cm: bytes
     """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row;
     `NO_PATH` where there is no path. Lengths are symmetric."""
 
-    ways_deltas: bytes = b""
-    """The recorded form, which replaces `ways_cm`: see `to_deltas`."""
+    path_deltas: bytes = b""
+    """The recorded form, which replaces `paths_cm`: see `to_deltas`."""
 
     def problem(self) -> Problem:
         """The problem in the allocators' form."""
         length_m = np.zeros((self.places, self.places))
         rows, columns = np.triu_indices(self.places, 1)
-        cm = np.frombuffer(self.ways_cm, "<u4")
+        cm = np.frombuffer(self.paths_cm, "<u4")
         metres = np.where(cm == NO_PATH, np.inf, cm * M_PER_CM)
         length_m[rows, columns] = length_m[columns, rows] = metres
         moves = length_m > 0
@@ -58,24 +59,24 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     def encode(self) -> bytes:
         """Encode it as `PlanProblem.question`."""
-        deltas = to_deltas(np.frombuffer(self.ways_cm, "<u4"), self.places)
-        return zlib.compress(_ENCODER.encode(msgspec.structs.replace(self, ways_cm=b"", ways_deltas=deltas)), 1)
+        deltas = to_deltas(np.frombuffer(self.paths_cm, "<u4"), self.places)
+        return zlib.compress(_ENCODER.encode(msgspec.structs.replace(self, paths_cm=b"", path_deltas=deltas)), 1)
 
 
 def decode(encoded: bytes) -> ProblemRecord:
     """Decode the result of `ProblemRecord.encode` (ValueError if it is not one)."""
     try:
-        question = msgspec.msgpack.decode(zlib.decompress(encoded), type=ProblemRecord)
-        if not question.ways_deltas:
+        question = msgspec.convert(upgraded(msgspec.msgpack.decode(zlib.decompress(encoded))), ProblemRecord)
+        if not question.path_deltas:
             return question  # with few places, and in old recordings
-        cm = from_deltas(question.ways_deltas, question.places)
-    except (zlib.error, msgspec.DecodeError, ValueError) as error:
+        cm = from_deltas(question.path_deltas, question.places)
+    except (zlib.error, msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ValueError(f"expected a question to the allocator: {error}") from error
-    return msgspec.structs.replace(question, ways_cm=cm.astype("<u4").tobytes(), ways_deltas=b"")
+    return msgspec.structs.replace(question, paths_cm=cm.astype("<u4").tobytes(), path_deltas=b"")
 
 
 def encode_lengths(length_m: NDArray[np.float64]) -> bytes:
-    """Encode lengths (n, n), metres, symmetric, infinite where there is no path, as `ProblemRecord.ways_cm`."""
+    """Encode lengths (n, n), metres, symmetric, infinite where there is no path, as `ProblemRecord.paths_cm`."""
     upper = length_m[np.triu_indices(len(length_m), 1)]
     cm = np.where(np.isfinite(upper), np.ceil(np.where(np.isfinite(upper), upper, 0.0) / M_PER_CM), NO_PATH)
     return np.where(cm == NO_PATH, NO_PATH, np.minimum(cm, LONGEST_CM)).astype("<u4").tobytes()

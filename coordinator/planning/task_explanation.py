@@ -9,7 +9,7 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.eligibility import NOBODY_THERE
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskRecord, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskExplanation, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
@@ -29,7 +29,7 @@ Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
 """Why a task must not go to a robot now; None if it may."""
 
 
-class TaskExplanation:
+class TaskExplainer:
     """Finds reasons.
 
     Args:
@@ -62,7 +62,7 @@ class TaskExplanation:
         if record is not None:
             self.record(task_id, self.judge(record, now_ns, robots), now_ns)
 
-    def explain(self, record: TaskRecord, now_ns: int) -> TaskWhy:
+    def explain(self, record: TaskRecord, now_ns: int) -> TaskExplanation:
         """Explain the state of a task; for a queued one, with each robot's present verdict."""
         decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
         if record.state is TaskState.QUEUED:
@@ -70,7 +70,7 @@ class TaskExplanation:
         else:
             judged = _as_it_went(record, judged)
         reason = self._reason(record, now_ns) if record.state is TaskState.QUEUED else record.reason
-        return TaskWhy(
+        return TaskExplanation(
             record=record,
             now=cut(self._now(record, reason), TEXT_MAX),
             reason=reason,

@@ -7,7 +7,7 @@ import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.admission import impossibility, unknown_names
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.team_map import TeamMap
@@ -15,17 +15,17 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
     TASK_DRY_RUN,
+    TASK_EXPLAIN,
     TASK_GET,
     TASK_KINDS,
     TASK_LIST,
     TASK_SUBMIT,
-    TASK_WHY,
     TaskDryRun,
+    TaskExplanation,
     TaskFilter,
     TaskRecord,
     TaskRequest,
     TaskSubmission,
-    TaskWhy,
 )
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import TEXT_MAX, cut
@@ -65,7 +65,7 @@ class TaskRequests:
     def __init__(
         self,
         lifecycle: TaskLifecycle,
-        explanation: TaskExplanation,
+        explanation: TaskExplainer,
         team_map: TeamMap,
         chargers: KnownChargers,
         gate: RequestGate,
@@ -82,7 +82,7 @@ class TaskRequests:
         wire.answer(TASK_LIST, self._list, serve=Serve.IN_STEP)
         wire.answer(TASK_GET, self._get, serve=Serve.IN_STEP)
         wire.answer(TASK_KINDS, lambda _: self._capabilities.known_kinds(), serve=Serve.IN_STEP)
-        wire.answer(TASK_WHY, self._explain, serve=Serve.IN_STEP)
+        wire.answer(TASK_EXPLAIN, self._explain, serve=Serve.IN_STEP)
 
     def _submit(self, request: Request[TaskSubmission]) -> Deferred[TaskRecord]:
         """Accept a task. It is planned and offered at once; only the answer waits for the disk."""
@@ -224,7 +224,7 @@ class TaskRequests:
     def _get(self, request: Request[TaskRequest]) -> TaskRecord:
         return self._known(request.asked.id)
 
-    def _explain(self, request: Request[TaskRequest]) -> TaskWhy:
+    def _explain(self, request: Request[TaskRequest]) -> TaskExplanation:
         explained = self._explanation.explain(self._known(request.asked.id), self._clock.now_ns())
         return msgspec.structs.replace(explained, trace=self._traces.of(request.asked.id))
 

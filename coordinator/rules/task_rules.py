@@ -19,7 +19,7 @@ from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
@@ -183,7 +183,7 @@ class TaskRules(CoordinatorPart):
         }
         self._make(rule_state, TaskCause(source, track.newest_ns, place, values, reason))
 
-    def _handle_event(self, event: Event) -> None:
+    def _handle_event(self, event: PluginEvent) -> None:
         state = self._roster.robots.get(event.robot)
         pose = None if state is None or state.state is None or state.state.frame != ARENA else state.state.pose
         place = None if pose is None else Point2D(pose.x_m, pose.y_m)

@@ -25,11 +25,11 @@ from robrain.protocol.reasons import (
     OutOfReach,
     PlainReason,
     PositionLost,
+    ProcessPaused,
     Refused,
     RobotHalted,
     RobotOut,
     RobotReason,
-    StoodStill,
     TaskReason,
     halted,
     holder_out,
@@ -44,7 +44,7 @@ LONGEST_AFTER = 6
 impossible must not be offered all the time. Six refusals lead to it."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
-PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, StoodStill)
+PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, ProcessPaused)
 """Refusals for a robot's present state, which do not concern the task. The robot charges, is lost or halted, or its
 process was paused."""
 CHARGED_SOC = 0.9

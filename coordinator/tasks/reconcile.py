@@ -24,7 +24,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, LEASE_S, LOST_AFTER_S, TaskState
-from robrain.protocol.reasons import LeaseRanOut, NotHeard, TaskReason, plain
+from robrain.protocol.reasons import LeaseRanOut, NoState, TaskReason, plain
 
 FORGOTTEN_S = 1.0
 """A robot that does not report its assigned task for this long has lost it, for example in a restart."""
@@ -78,7 +78,7 @@ def reconcile(
     # A restarted coordinator must have listened for a while before silence counts.
     if record.state is not TaskState.RUNNING or now_ns - since_ns <= to_ns(LOST_AFTER_S):
         return None
-    return StateChange(TaskState.LOST_CONTACT, NotHeard() if robot is None else robot.down_reason(now_ns))
+    return StateChange(TaskState.LOST_CONTACT, NoState() if robot is None else robot.down_reason(now_ns))
 
 
 def _confirmed(record: TaskRecord) -> StateChange | None:

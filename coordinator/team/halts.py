@@ -81,7 +81,7 @@ class TeamHalts:
         if state.team_halt_ns > self._latch.stamp_ns:
             self._has_halted = True
             for holder in state.halted_by:
-                self._latch.hold(holder, f"{state.robot} was told so", state.team_halt_ns)
+                self._latch.hold(holder, f"reported by {state.robot}", state.team_halt_ns)
 
     def status(self, now_ns: int) -> HaltStatus | None:
         """State of the team's halts; None until the first halt."""

@@ -15,7 +15,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotSt
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons import Gone, IdleReason, NotHeard, TopicStale, Unavailable, plain, sentence_of
+from robrain.protocol.reasons import Gone, IdleReason, NoState, TopicStale, Unavailable, plain, sentence_of
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)
@@ -91,7 +91,7 @@ class Robot:
         if self.is_up(now_ns):
             return None
         if self.received_ns is None and (self.has_token or self.before is None):
-            return NotHeard()
+            return NoState()
         if not self.has_token:
             return Gone()
         silent_s = round(self.age_s(now_ns), 3)

@@ -7,7 +7,7 @@ from robrain.dashboard.html.elements import placeholder, render
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.dashboard.state.task_board import PLANNED_S
-from robrain.protocol.messages.tasks.task_messages import TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TaskExplanation
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
 from robrain.recording.drawing.palette import css, style_of
@@ -41,7 +41,7 @@ def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
     return render("tasks", "queue", events=[*open_tasks, *ended], is_live=is_live, long_id=LONG_ID.match)
 
 
-def explanation_html(explanation: TaskWhy) -> str:
+def explanation_html(explanation: TaskExplanation) -> str:
     """Explanation of a task's state: each robot's cost, or the reason of its exclusion, and the task's history."""
     first_ns = explanation.changes[0].stamp_ns if explanation.changes else explanation.record.changed_ns
     return render("tasks", "explanation", why=explanation, first_ns=first_ns)

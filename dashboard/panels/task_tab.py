@@ -15,13 +15,13 @@ from robrain.dashboard.panels.page import BY, Page, RowActions, Tab
 from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_OBJECTIVE, ObjectiveRequest, PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
+    TASK_EXPLAIN,
     TASK_SUBMIT,
-    TASK_WHY,
     KnownKind,
+    TaskExplanation,
     TaskRecord,
     TaskRequest,
     TaskSubmission,
-    TaskWhy,
 )
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
@@ -118,7 +118,7 @@ class TaskTab(Tab):
     def explain(self, task: str) -> None:
         """Show why a task stands as it does, in a window of this browser alone."""
 
-        def show(explanation: TaskWhy | None, error: str) -> None:
+        def show(explanation: TaskExplanation | None, error: str) -> None:
             html = render("elements", "message", kind="bad", words=cut(error, 400))
             if explanation is not None:
                 html = explanation_html(explanation)
@@ -129,7 +129,7 @@ class TaskTab(Tab):
                 gui.add_html(CLOSE_MARK)
                 gui.add_button("Close").on_click(lambda _: self._page.post(modal.close))
 
-        self._page.context.asker.ask(TASK_WHY, TaskRequest(id=task, by=BY), show)
+        self._page.context.asker.ask(TASK_EXPLAIN, TaskRequest(id=task, by=BY), show)
 
     def _want_place(self, wants: bool) -> None:
         self._wants_place = wants

@@ -7,7 +7,7 @@ from enum import StrEnum
 from msgspec import UNSET
 
 from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.messages.robots.plugin_messages import Event
+from robrain.protocol.messages.robots.plugin_messages import PluginEvent
 from robrain.protocol.messages.robots.robot_messages import RadioLink, RobotState
 from robrain.protocol.messages.team.arena_messages import RobotTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RecorderState
@@ -79,7 +79,7 @@ class ShownRobot:
     poses: deque[tuple[int, Pose2D]] = field(default_factory=lambda: deque(maxlen=POSES))
     """The last poses with their stamps."""
     history: RobotHistory = field(default_factory=RobotHistory)
-    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS))
+    events: deque[PluginEvent] = field(default_factory=lambda: deque(maxlen=EVENTS))
     """Its last events, oldest first."""
 
     def pose_at(self, stamp_ns: int) -> Pose2D | None:

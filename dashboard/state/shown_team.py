@@ -12,7 +12,7 @@ from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ROBOT_
 from robrain.protocol.messages.maps.patch_cells import cells_of
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots import robot_messages
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
 from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
@@ -272,7 +272,7 @@ class ShownTeam:
     def _handle_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
         self.board.decide(decision)
 
-    def _handle_event(self, event: Event, names: Names, now_s: float) -> None:
+    def _handle_event(self, event: PluginEvent, names: Names, now_s: float) -> None:
         self._robot(names["robot"]).events.append(event)
 
     def _handle_log(self, record: LogRecord, names: Names, now_s: float) -> None:

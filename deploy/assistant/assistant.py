@@ -389,7 +389,7 @@ class Assistant:
         ]
         return answer(CallVerdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
 
-    def _write(self, call: ToolCall, number: int, found: ToolAnswer, took_ms: float) -> None:
+    def _write(self, call: ToolCall, number: int, found: ToolAnswer, duration_ms: float) -> None:
         try:
             arguments = msgspec.json.encode(call.arguments, enc_hook=repr).decode()
         except (TypeError, ValueError, RecursionError):
@@ -404,7 +404,7 @@ class Assistant:
             verdict=found.verdict,
             code=found.code,
             words=found.words,
-            took_ms=round(took_ms, 1),
+            duration_ms=round(duration_ms, 1),
         )
         with self._log_lock:
             self._log.write(record)
@@ -433,7 +433,7 @@ def _tools(team: Team, new_id: Callable[[], str]) -> list[Tool[Any]]:
         reads(reader.list_plugins, OfRobot),
         reads(reader.list_kinds, Arguments),
         reads(reader.list_tasks, ListTasks),
-        reads(reader.why_task, OfTask),
+        reads(reader.explain_task, OfTask),
         reads(reader.show_map, Arguments),
         reads(reader.dry_run, NewTask),
         orders(Order.SUBMIT, order.submit_task, SubmitTask),

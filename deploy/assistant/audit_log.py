@@ -36,7 +36,7 @@ class AuditRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Reason for its refusal."""
     words: str = ""
     """The first words of the answer."""
-    took_ms: float = 0.0
+    duration_ms: float = 0.0
 
 
 class AuditLog:

@@ -119,7 +119,7 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "driver": frozenset(
             {
-                "motion", "blocked_why", "pose", "velocity", "odometry_noise", "bus_counters", "controller_status"
+                "motion", "blocked_reason", "pose", "velocity", "odometry_noise", "bus_counters", "controller_status"
             }
         ),
         "mocdevice": frozenset(

@@ -248,7 +248,7 @@ class TeamReader:
         tasks = [{"id": one.task.id, "state": one.state, "robot": one.robot, "by": one.by} for one in records]
         return answer(CallVerdict.READ, lines, {"tasks": tasks})
 
-    def why_task(self, asked: OfTask) -> ToolAnswer:
+    def explain_task(self, asked: OfTask) -> ToolAnswer:
         """Explain how a task stands: what it waits for, what it would take each robot, what has happened so far."""
         explained = self._team.why(asked.task)
         lines = [f"{asked.task}: {explained.now}", *map(verdict_line, explained.robots)]

@@ -75,7 +75,7 @@ def restore(
     from robrain.coordinator.journal.backup import restore_backup
 
     done = restore_backup(backup, journal)
-    print_either(done, [*done.told, f"{journal}: {_words(done.contents)}"], as_json=as_json)
+    print_either(done, [*done.report, f"{journal}: {_words(done.contents)}"], as_json=as_json)
 
 
 @journal_app.command()

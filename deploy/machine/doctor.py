@@ -469,7 +469,7 @@ def examine_team(joining: JoinRequest) -> list[Check]:
         checks += [check_key_space(joining.endpoints, joining.team, robot) for robot in names]
         with closing(open_session(connect=joining.endpoints)) as session:
             with live_endpoint(session, joining.team) as wire:
-                checks += [check_robot(robot) for robot in status_by(wire).standing]
+                checks += [check_robot(robot) for robot in status_by(wire).statuses]
             checks.append(check_clock(stamp_skews_s(session, joining.team)))
             checks.append(check_versions(version("robrain"), members(session, joining.team)))
             checks += [check_name_free(robot, holders(session, joining.team, robot)) for robot in joining.robots]

@@ -115,7 +115,7 @@ class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, t
     """Until it is started again."""
     away_s: float | None = None
     """From the notice of the failure until it was ready again."""
-    said: str = ""
+    last_line: str = ""
     """The last line that it printed."""
 
     @property
@@ -146,7 +146,7 @@ class PartEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, t
         status = self.status or 0
         if status < 0:
             return how_it_ended(status)
-        last_line = f" ({self.said.removeprefix('robrain: ')})" if self.said else ""
+        last_line = f" ({self.last_line.removeprefix('robrain: ')})" if self.last_line else ""
         return f"ended with status {status}{last_line}"
 
 
@@ -214,7 +214,7 @@ class Restarts:
             status=status,
             silent_s=self._silent_s,
             again_in_s=delay_s,
-            said=last_line,
+            last_line=last_line,
         )
 
     def next_step(self, now_s: float, waited_s: float = 0.0) -> RestartStep:

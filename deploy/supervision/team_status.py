@@ -82,7 +82,7 @@ class TeamStatus(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     coordinator: bool
     robots: list[str]
     """Names of present members, sorted."""
-    standing: list[RobotStatus] = []
+    statuses: list[RobotStatus] = []
     """Status of each robot, by name; also of robots that have gone and were not removed."""
     refused: dict[str, list[Refusal]] = {}
     """Refusals of the coordinator and the robots, by `coordinator` and the robots' names; absent if there are none."""
@@ -136,7 +136,7 @@ def status_by(wire: Endpoint) -> TeamStatus:
         team=found.team,
         coordinator=found.coordinator,
         robots=found.robots,
-        standing=[statuses[name] for name in sorted(statuses, key=natural_key)],
+        statuses=[statuses[name] for name in sorted(statuses, key=natural_key)],
         refused={name: each for name, each in refused.items() if each},
         mote_field=None if summary is None else summary.mote_field or None,
         stand_by=None if summary is None else summary.stand_by or None,
@@ -150,12 +150,12 @@ def show_status(found: TeamStatus) -> None:
     print_line(f"team {found.team}: coordinator {'up' if found.coordinator else 'not there'}")
     headings = ("robot", "state", "battery", "place", "task", "plugins out")
     table = new_table(*headings, right=("battery", "plugins out"))
-    for robot in found.standing:
+    for robot in found.statuses:
         table.add_row(*map(safe_lines, _cells(robot)))
-    if found.standing:
+    if found.statuses:
         results().print(table)
     reasons: dict[str, list[str]] = {}
-    for robot in found.standing:
+    for robot in found.statuses:
         for reason in reasons_of(robot):
             reasons.setdefault(reason, []).append(robot.robot)
     for reason, robots in reasons.items():

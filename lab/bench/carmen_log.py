@@ -1,9 +1,9 @@
 """Lidar logs in the format of CARMEN: one message a line, of which odometry and scans are read.
 
-FLASER n [ranges] x y theta odom_x odom_y odom_theta STAMP host logger_stamp
-ROBOTLASER1 type start fov step range_max accuracy mode n [ranges] m [remissions]
-    laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv safety safety turn STAMP host logger_stamp
-ODOM x y theta tv rv accel STAMP host logger_stamp
+| FLASER n [ranges] x y theta odom_x odom_y odom_theta STAMP host logger_stamp
+| ROBOTLASER1 type start fov step range_max accuracy mode n [ranges] m [remissions]
+|     laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv safety safety turn STAMP host logger_stamp
+| ODOM x y theta tv rv accel STAMP host logger_stamp
 
 Metres, radians, seconds; see http://carmen.sourceforge.net/logger_playback.html. Other messages are passed over.
 """

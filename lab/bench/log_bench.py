@@ -485,7 +485,7 @@ def made_report(
         duration_s=log.duration_s,
         path_length_m=_path_m(played.odometry),
         lost=played.lost,
-        left_out=played.counters.scans_left_out,
+        left_out=played.counters.scans_skipped,
         submaps=played.counters.submaps,
         closures=played.counters.closures,
         contradictions=played.counters.contradictions,

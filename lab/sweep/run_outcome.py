@@ -50,7 +50,7 @@ class RunOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """Of all robots together, over the tasks that are done."""
     waiting_s: float = 0.0
     """Of all robots together: they stand with a task, for other robots, for a path, or at work."""
-    standing_s: float = 0.0
+    idle_s: float = 0.0
     """Of all robots together: they stand without a task."""
     overlap: float = 0.0
     """Area that each robot has seen, summed over the robots, over the area that any has seen, less one."""
@@ -114,7 +114,7 @@ def outcome_of(result: RunResult, invariants_broken: int | None = None) -> RunOu
         energy_j=result.energy_j,
         **_of_tasks(result),
         waiting_s=round(sum(robot.time_use.waiting_s for robot in result.per_robot), 3),
-        standing_s=round(sum(robot.time_use.standing_s for robot in result.per_robot), 3),
+        idle_s=round(sum(robot.time_use.idle_s for robot in result.per_robot), 3),
         overlap=result.overlap,
         collisions=result.collisions,
         wall_overlap_m=result.wall_overlap_m,

@@ -15,7 +15,7 @@ from robrain.plugins.behavior.travel import Travel
 from robrain.plugins.skill.energy import EnergyInterface, Work
 from robrain.plugins.skill.home import ChargerPlace, HomeInterface
 from robrain.plugins.skill.planner import PlannerInterface
-from robrain.plugins.unit.teammates import Mate
+from robrain.plugins.unit.teammates import NearbyRobot
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons import NeedsEnergy, sentence_of
 
@@ -151,7 +151,7 @@ class Docks:
     def holder(self, place: Point2D) -> str:
         """Name of the robot that is at the charger at this place, or will be there before this robot; empty if none."""
         mine = (self._travel.pose().distance_m(place), self._robot)
-        for teammate in self._travel.teammates.mates(place, AT_DOCK_M):
+        for teammate in self._travel.teammates.nearby(place, AT_DOCK_M):
             away_m = teammate.pose.distance_m(place)
             if away_m <= AT_DOCK_M < mine[0]:
                 return teammate.name
@@ -164,23 +164,23 @@ class Docks:
         """The free ones of these."""
         return [charger for charger in chargers if not self.holder(charger.place)]
 
-    def waiting(self, chargers: Sequence[ChargerPlace]) -> list[Mate]:
+    def waiting(self, chargers: Sequence[ChargerPlace]) -> list[NearbyRobot]:
         """Teammates that want to charge and have no charger."""
         pose = self._travel.pose()
-        near = self._travel.teammates.mates(Point2D(pose.x_m, pose.y_m), self._travel.mate_near_m)
+        near = self._travel.teammates.nearby(Point2D(pose.x_m, pose.y_m), self._travel.teammate_near_m)
         return [teammate for teammate in near if teammate.behavior == RECHARGES and not _has_one(teammate, chargers)]
 
-    def charging(self, chargers: Sequence[ChargerPlace]) -> list[Mate]:
+    def charging(self, chargers: Sequence[ChargerPlace]) -> list[NearbyRobot]:
         """Teammates at a charger."""
         found = {
             teammate.name: teammate
             for each in chargers
-            for teammate in self._travel.teammates.mates(each.place, AT_DOCK_M)
+            for teammate in self._travel.teammates.nearby(each.place, AT_DOCK_M)
             if teammate.pose.distance_m(each.place) <= AT_DOCK_M
         }
         return list(found.values())
 
 
-def _has_one(teammate: Mate, chargers: Sequence[ChargerPlace]) -> bool:
+def _has_one(teammate: NearbyRobot, chargers: Sequence[ChargerPlace]) -> bool:
     pose, bound = teammate.pose, teammate.bound
     return any(min(pose.distance_m(at), bound.distance_m(at)) <= AT_DOCK_M for at in (each.place for each in chargers))

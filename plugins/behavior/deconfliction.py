@@ -26,7 +26,7 @@ from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.localisation import LocalisationInterface
 from robrain.plugins.skill.planner import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
-from robrain.plugins.unit.teammates import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.model.claim import Claim, Rank
@@ -61,7 +61,9 @@ class Encounter:
 
     """
 
-    def __init__(self, robot: str, claim: Claim, radius_m: float, teammates: Sequence[Mate], speed_m_s: float) -> None:
+    def __init__(
+        self, robot: str, claim: Claim, radius_m: float, teammates: Sequence[NearbyRobot], speed_m_s: float
+    ) -> None:
         self.radius_m = radius_m
         self.teammates = teammates
         self._speed_m_s = speed_m_s
@@ -106,7 +108,7 @@ class Encounter:
         return self._speed_m_s, tracks, REFUGE_M
 
 
-def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track]:
+def _tracks(teammates: Sequence[NearbyRobot], radius_m: float, own: Rank) -> list[Track]:
     """The tracks of teammates as a robot of that radius and rank sees them."""
     tracks = []
     for teammate in teammates:
@@ -119,7 +121,7 @@ def _tracks(teammates: Sequence[Mate], radius_m: float, own: Rank) -> list[Track
     return tracks
 
 
-def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Circle]:
+def circles(teammates: Sequence[NearbyRobot], margin_m: float, doing: Doing) -> list[Circle]:
     """Places of teammates of one kind, with a margin beyond their radius."""
     return [
         (teammate.pose.x_m, teammate.pose.y_m, teammate.radius_m + margin_m)
@@ -128,7 +130,7 @@ def circles(teammates: Sequence[Mate], margin_m: float, doing: Doing) -> list[Ci
     ]
 
 
-def zones(teammates: Sequence[Mate], encounter: Encounter, margin_m: float) -> list[Zone]:
+def zones(teammates: Sequence[NearbyRobot], encounter: Encounter, margin_m: float) -> list[Zone]:
     """Floor to keep free for others: the paths of robots with priority, and the places of waiting robots."""
     found = []
     for teammate, track in zip(teammates, encounter.tracks, strict=True):
@@ -185,7 +187,7 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, waited=waited)
         return now_ns - self._held_ns
 
-    def make_room_for(self, teammate: Mate) -> None:
+    def make_room_for(self, teammate: NearbyRobot) -> None:
         """Act by that teammate's claim, until `restore`."""
         self._lent = teammate.claim.lend(teammate.name)
 

@@ -187,7 +187,7 @@ class Errand(Behavior, ABC, Generic[P]):
         """Let the driver finish its action; Failed if it takes too long."""
         until_ns = self._now_ns() + to_ns(ACTION_LIMIT_S)
         yield
-        while self.travel.driver.motion() is not Motion.STANDING:
+        while self.travel.driver.motion() is not Motion.STOPPED:
             if self._now_ns() > until_ns:
                 self.travel.stop()
                 raise Failed(trouble)

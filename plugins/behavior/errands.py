@@ -152,7 +152,7 @@ class CollectBehavior(Errand[Collect]):
         return {"readings": mote.readings - had, "missing": mote.missing}
 
     def _received(self, mote: str) -> ReceivedMote | None:
-        return next((received for received in self._snw.heard() if received.mote == mote), None)
+        return next((received for received in self._snw.motes() if received.mote == mote), None)
 
 
 OWN_S = 1.0
@@ -188,7 +188,7 @@ class SenseBehavior(Errand[Sense]):
     def _receive(self, sense: Sense) -> Generator[None, None, float]:
         begun_ns = self.env.clock.now_ns()
         while to_seconds(self.env.clock.now_ns() - begun_ns) < sense.timeout_s:
-            for received in self._snw.heard():
+            for received in self._snw.motes():
                 if received.mote == sense.mote and received.stamp_ns > begun_ns:
                     return received.last_value
             yield

@@ -28,8 +28,8 @@ from robrain.plugins.behavior.travel import (
     TravelState,
     too_narrow,
 )
-from robrain.plugins.skill.mapper.mapper import MapView
-from robrain.plugins.unit.teammates import Doing, Mate
+from robrain.plugins.skill.mapper.mapper import MapCells
+from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D
@@ -83,7 +83,7 @@ class TeamChoice(Explorer):
         self._robot, self._board, self._reserve_share = robot, board, reserve_share
 
     def choose_own(
-        self, place: Point2D, radius_m: float, goal: Point2D | None, teammates: Sequence[Mate], now_ns: int
+        self, place: Point2D, radius_m: float, goal: Point2D | None, teammates: Sequence[NearbyRobot], now_ns: int
     ) -> Point2D | None:
         """The frontier to go to, arena frame; None if there is none, or the robot is to keep the one it has.
 
@@ -116,12 +116,12 @@ class TeamChoice(Explorer):
         return Scout(self._robot, place, radius_m, goal, far_m, homes)
 
 
-def _explores(teammate: Mate) -> bool:
+def _explores(teammate: NearbyRobot) -> bool:
     """Whether a teammate chooses its goal by itself as well, and may yet choose another."""
     return teammate.doing is not Doing.OBSTACLE and teammate.behavior in (ALONE, IDLE)
 
 
-def _scout(teammate: Mate) -> Scout:
+def _scout(teammate: NearbyRobot) -> Scout:
     place = Point2D(teammate.pose.x_m, teammate.pose.y_m)
     return Scout(teammate.name, place, teammate.radius_m, teammate.bound if teammate.behavior == ALONE else None)
 
@@ -271,7 +271,7 @@ class ExploreBehavior(Behavior):
             return True
         return False
 
-    def _is_seen(self, view: MapView, goal: Point2D) -> bool:
+    def _is_seen(self, view: MapCells, goal: Point2D) -> bool:
         return self._longest_frontier(view, goal) < self._least_cells
 
     def _search_for(self, goal: Point2D) -> None:
@@ -281,7 +281,7 @@ class ExploreBehavior(Behavior):
         shortest = mapped_gap_cells(self._travel.driver.radius_m(), view.geometry.resolution_m)
         self._least_cells = cells if shortest <= cells < MIN_CELLS else MIN_CELLS
 
-    def _longest_frontier(self, view: MapView, goal: Point2D) -> int:
+    def _longest_frontier(self, view: MapCells, goal: Point2D) -> int:
         """Number of cells of the longest frontier around a goal; 0 if it is surely below `_least_cells`."""
         geometry = view.geometry
         row, column = geometry.cell_of(goal.x_m, goal.y_m)
@@ -339,7 +339,7 @@ class ExploreBehavior(Behavior):
         self._decide_due_ns = now_ns + to_ns(DECIDE_PERIOD_S)
         pose, own = travel.pose(), None if self._task is None else self._task.place
         place = Point2D(pose.x_m, pose.y_m)
-        teammates = travel.teammates.mates(place, EVERYWHERE_M)
+        teammates = travel.teammates.nearby(place, EVERYWHERE_M)
         if own is not None and not teammates:
             return  # no other robot can explore its goal first
         goal = self._team.choose_own(place, travel.driver.radius_m(), own, teammates, now_ns)

@@ -148,7 +148,7 @@ class Queue:
         here = Point2D(pose.x_m, pose.y_m)
         radius_m = travel.driver.radius_m()
         occupied = [(charger.place, CLEAR_M) for charger in chargers]
-        for teammate in travel.teammates.mates(here, travel.mate_near_m):
+        for teammate in travel.teammates.nearby(here, travel.teammate_near_m):
             occupied.append((Point2D(teammate.pose.x_m, teammate.pose.y_m), radius_m + teammate.radius_m + APART_M))
             occupied.append((teammate.bound, radius_m + teammate.radius_m + APART_M))
         places = [
@@ -251,9 +251,9 @@ class Docking:
                     Point2D(place.x_m + radius_m * math.cos(angle_rad), place.y_m + radius_m * math.sin(angle_rad))
                 )
                 yield
-                while driver.motion() is not Motion.STANDING and driver.blocked_s() < SEEK_BLOCKED_S:
+                while driver.motion() is not Motion.STOPPED and driver.blocked_s() < SEEK_BLOCKED_S:
                     yield
-                if driver.motion() is not Motion.STANDING:  # there is something there
+                if driver.motion() is not Motion.STOPPED:  # there is something there
                     driver.stop()
                     continue
                 yield from self._feel(SEEK_WAIT_S)

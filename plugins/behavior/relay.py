@@ -132,7 +132,7 @@ class RelayBehavior(Errand[Relay]):
 
     def _listen(self, relay: Relay, links: dict[str, HeldLink]) -> None:
         if relay.mote:
-            mote = next((received for received in self._snw.heard() if received.mote == relay.mote), None)
+            mote = next((received for received in self._snw.motes() if received.mote == relay.mote), None)
             if mote is not None:
                 links["mote"].record(mote.rssi_dbm, mote.stamp_ns)
                 links["mote"].place = mote.place

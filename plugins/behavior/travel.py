@@ -11,10 +11,10 @@ from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, 
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, zones
 from robrain.plugins.skill.localisation import LocalisationInterface
-from robrain.plugins.skill.mapper.mapper import MapperInterface, MapView
+from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
-from robrain.plugins.unit.teammates import Doing, Mate, TeammatesInterface
+from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
@@ -64,7 +64,7 @@ class LostSearch:
             self.has_given_up = True
             self._driver.stop()
             return
-        if self._is_at_it and self._driver.motion() is not Motion.STANDING:
+        if self._is_at_it and self._driver.motion() is not Motion.STOPPED:
             if self._driver.blocked_s() < BLOCKED_S:
                 return
             self._heading_rad += ASIDE_RAD
@@ -107,9 +107,9 @@ class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """Interval of searching for another path while an obstacle or another robot blocks this one."""
     patience_s: Positive = 3.0
     """Time before an obstacle after which the robot gives up."""
-    mate_margin_m: Positive = 0.15
+    teammate_margin_m: Positive = 0.15
     """Distance kept from standing robots, beyond both radii."""
-    mate_near_m: Positive = 8.0
+    teammate_near_m: Positive = 8.0
     """Robots that are, or are going, within this distance are considered."""
     speed_m_s: Positive = 0.6
     """Speed of the driver, to predict meetings."""
@@ -117,7 +117,7 @@ class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """Longest detour that is preferred to waiting for another robot."""
     ageing_s: Positive = 20.0
     """Each such time of waiting raises the robot's claim by one."""
-    mate_patience_s: Positive = 30.0
+    teammate_patience_s: Positive = 30.0
     """Time of waiting for other robots, without a break, after which the robot gives up."""
 
 
@@ -190,9 +190,9 @@ class Travel:
         self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put)
 
     @property
-    def mate_near_m(self) -> float:
+    def teammate_near_m(self) -> float:
         """Robots that are, or are going, within this distance are considered."""
-        return self._parameters.mate_near_m
+        return self._parameters.teammate_near_m
 
     @property
     def lost(self) -> str:
@@ -227,7 +227,7 @@ class Travel:
         self._search.step(now_ns, TASK_PATIENCE_S if may_explore else PATIENCE_S)
         return not self._search.has_given_up
 
-    def view(self) -> MapView:
+    def view(self) -> MapCells:
         """The map as it is now."""
         return self._mapper.view()
 
@@ -360,7 +360,7 @@ class Travel:
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
 
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
-        teammates = self.teammates.mates(Point2D(pose.x_m, pose.y_m), self.mate_near_m)
+        teammates = self.teammates.nearby(Point2D(pose.x_m, pose.y_m), self.teammate_near_m)
         radius_m = self.driver.radius_m() if teammates else 0.0
         own = claim or self._travel_claim.claim
         return Encounter(self._env.robot, own, radius_m, teammates, self._parameters.speed_m_s)
@@ -392,9 +392,9 @@ class Travel:
     def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
         pose, view, teammates = self.pose(), self.view(), encounter.teammates
         start = Point2D(pose.x_m, pose.y_m)
-        margin_m = encounter.radius_m + self._parameters.mate_margin_m
+        margin_m = encounter.radius_m + self._parameters.teammate_margin_m
         dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
-        at_rest = circles(teammates, margin_m, Doing.STANDING)
+        at_rest = circles(teammates, margin_m, Doing.IDLE)
         lasting = circles(teammates, margin_m, Doing.OBSTACLE)
         path = self._planner.plan(view, start, goal, lasting + at_rest, dear, is_narrow=is_narrow)
         if path is None and at_rest:  # a robot without a path may make room
@@ -499,7 +499,7 @@ class Travel:
         self._handle(path, pose).drive(allowed_there, self._travel_claim.claim)
         return True
 
-    def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: Mate) -> None:
+    def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot) -> None:
         """Leave the path of a teammate with priority, or claim to have nowhere to go."""
         view, place = self.view(), Point2D(pose.x_m, pose.y_m)
         path, is_narrow = None, False
@@ -520,7 +520,7 @@ class Travel:
 
     def _wait(self) -> TravelState:
         held_ns = self._travel_claim.wait(self._env.clock.now_ns())
-        return TravelState.BLOCKED if held_ns > to_ns(self._parameters.mate_patience_s) else TravelState.WAITING
+        return TravelState.BLOCKED if held_ns > to_ns(self._parameters.teammate_patience_s) else TravelState.WAITING
 
 
 def _here(pose: Pose2D) -> Floats:

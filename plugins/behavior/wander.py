@@ -88,7 +88,7 @@ class WanderBehavior(Behavior):
             return
         if self.env.clock.now_ns() >= self._until_ns:
             self._end()
-        elif not self._is_driving or self._driver.motion() is Motion.STANDING or self._driver.blocked_s() > BLOCKED_S:
+        elif not self._is_driving or self._driver.motion() is Motion.STOPPED or self._driver.blocked_s() > BLOCKED_S:
             self._next_leg()
 
     def _next_leg(self) -> None:

@@ -187,7 +187,7 @@ class CameraDevice(Device):
         return Picture(png=png, width=width, height=height, stamp_ns=self.env.clock.now_ns())
 
     @external
-    def look(self) -> PictureInfo:
+    def test_picture(self) -> PictureInfo:
         """Take a picture and return its size, to test the camera."""
         picture = self.snapshot()
         return PictureInfo(picture.width, picture.height, len(picture.png), picture.stamp_ns)

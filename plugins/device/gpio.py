@@ -194,7 +194,7 @@ class EmergencyStopInterface(Protocol):
 
     changed: Event[ButtonChange]
 
-    def why_pressed(self) -> str:
+    def pressed_reason(self) -> str:
         """Reason why the robot has to stand, in words; empty if the button is released."""
 
 
@@ -234,7 +234,7 @@ class GpioEmergencyStop(Device):
         self._reason = ""
 
     def activate(self) -> None:
-        self.env.guard_resume(self.why_pressed)
+        self.env.guard_resume(self.pressed_reason)
         try:
             self._lines.open()
             self._check()
@@ -254,7 +254,7 @@ class GpioEmergencyStop(Device):
 
     @external
     @unlocked
-    def why_pressed(self) -> str:
+    def pressed_reason(self) -> str:
         """Reason why the robot has to stand, in words; empty if the button is released.
 
         May be asked on any thread, also while the device does not run. Lines that cannot be read are a reason as well.

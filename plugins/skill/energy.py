@@ -25,7 +25,7 @@ class EnergyInterface(Protocol):
         """Report the cost of work that went as planned; it adjusts later estimates of paths."""
 
     def power_w(self) -> float:
-        """Power drawn, averaged over some seconds; the manifest's standing power before the first measurement."""
+        """Power drawn, averaged over some seconds; the manifest's idle power before the first measurement."""
 
 
 class Energy(Skill):

@@ -142,7 +142,7 @@ class Localisation(Skill):
         """Whether to match scans with the map; needs the plugin mapper."""
         scan_period_s: Positive = 0.2
         """Seconds between two matches of a standing robot."""
-        scan_way_m: Positive = 0.03
+        scan_path_m: Positive = 0.03
         """Metres of path between two matches of a moving robot; turns count as in
         `algorithms/localization/localiser.py`."""
         wall_slack_cells: Share = 0.0
@@ -326,7 +326,7 @@ class Localisation(Skill):
         self._update_from_map()
         self._move()
         path_m = self._localiser.driven_m - self._matched_path_m
-        is_due = now_ns >= self._scan_due_ns or path_m > self.parameters.scan_way_m
+        is_due = now_ns >= self._scan_due_ns or path_m > self.parameters.scan_path_m
         if board.map is None or not is_due:
             self._publish()
             return

@@ -11,7 +11,7 @@ from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
 from robrain.algorithms.navigation.path_planning import standpoint
 from robrain.algorithms.navigation.right_of_way import Track, escape_cells
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.plugins.skill.mapper.mapper import MapView
+from robrain.plugins.skill.mapper.mapper import MapCells
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
@@ -26,7 +26,7 @@ class PlannerInterface(Protocol):
 
     def plan(
         self,
-        view: MapView,
+        view: MapCells,
         start: Point2D,
         goal: Point2D,
         avoid: Sequence[Circle],
@@ -43,7 +43,7 @@ class PlannerInterface(Protocol):
 
     def escape(
         self,
-        view: MapView,
+        view: MapCells,
         start: Point2D,
         speed_m_s: float,
         tracks: Sequence[Track],
@@ -53,13 +53,13 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way; None if there is none."""
 
-    def is_narrow(self, view: MapView, place: Point2D) -> bool:
+    def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
 
-    def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
+    def standpoint(self, view: MapCells, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
 
-    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
+    def safe_positions(self, view: MapCells, positions: Floats, *, is_narrow: bool = False) -> int:
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
 
 
@@ -89,7 +89,7 @@ class Planner(Skill):
 
     def plan(
         self,
-        view: MapView,
+        view: MapCells,
         start: Point2D,
         goal: Point2D,
         avoid: Sequence[Circle],
@@ -103,7 +103,7 @@ class Planner(Skill):
 
     def escape(
         self,
-        view: MapView,
+        view: MapCells,
         start: Point2D,
         speed_m_s: float,
         tracks: Sequence[Track],
@@ -119,27 +119,27 @@ class Planner(Skill):
         cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m)
         return None if cells is None else grid.waypoints(cells)
 
-    def is_narrow(self, view: MapView, place: Point2D) -> bool:
+    def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
         near_m = view.geometry.resolution_m
         if self._navigation(view).snap(place, near_m) is not None:
             return False
         return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # or it is unknown or closed
 
-    def standpoint(self, view: MapView, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
+    def standpoint(self, view: MapCells, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
         grid = self._navigation(view, is_narrow=is_narrow)
         reach = round(within_m / grid.geometry.resolution_m)
         cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
         return None if cell is None else grid.geometry.center_of(*cell)
 
-    def safe_positions(self, view: MapView, positions: Floats, *, is_narrow: bool = False) -> int:
+    def safe_positions(self, view: MapCells, positions: Floats, *, is_narrow: bool = False) -> int:
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
         checked = self._grids.get(is_narrow)
         grid = checked.grid if checked is not None else self._navigation(view, is_narrow=is_narrow)
         return grid.clear_positions(view.classes, positions)
 
-    def _navigation(self, view: MapView, *, is_narrow: bool = False) -> NavigationGrid:
+    def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
         checked = self._grids.get(is_narrow)
         if checked is None or checked.grid.geometry != view.geometry:
             checked = self._grids[is_narrow] = _Checked(self._check(view, is_narrow=is_narrow), view.version)
@@ -148,7 +148,7 @@ class Planner(Skill):
             checked.version = view.version
         return checked.grid
 
-    def _check(self, view: MapView, *, is_narrow: bool) -> NavigationGrid:
+    def _check(self, view: MapCells, *, is_narrow: bool) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
         preferred_m = self._radius_m + self.parameters.margin_m
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))

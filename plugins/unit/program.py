@@ -72,7 +72,7 @@ class LineProcess:
         on_line: Callable[[str], bool],
     ) -> None:
         self.lines = 0
-        self.left_out = 0
+        self.skipped = 0
         self.started_s = time.monotonic()
         self._plugin = plugin
         self._max_line_bytes = max_line_bytes
@@ -158,7 +158,7 @@ class LineProcess:
                 for line in self._lines(stream):
                     self.lines += 1
                     if not self._on_line(line):
-                        self.left_out += 1
+                        self.skipped += 1
                         continue
                     with self._change:
                         self._stated.append(line)
@@ -198,7 +198,7 @@ class LineProcess:
             if line is not None:
                 yield line.decode(errors="replace")
             else:
-                self.left_out += 1
+                self.skipped += 1
                 logger.warning("%s: ignored a line of more than %d bytes", self._plugin, self._max_line_bytes)
 
 
@@ -242,7 +242,7 @@ class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
     """Restarts since it last ran for a while."""
     lines: int = 0
     """Lines that it has written."""
-    lines_left_out: int = 0
+    lines_skipped: int = 0
     """Lines that were too long, or no JSON where JSON was expected."""
     why: str = ""
     """Reason of its last end."""
@@ -251,14 +251,14 @@ class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
 class ProgramInterface(Protocol):
     """Lines in, lines out."""
 
-    said: Event[str]
+    printed: Event[str]
     """Each line of the program's standard output, also those that answer a `send`."""
 
     def send(self, text: str) -> str:
         """Give the program one line and return the next line that it writes."""
 
-    def tell(self, text: str) -> None:
-        """Give the program one line; its lines come as `said`."""
+    def write_line(self, text: str) -> None:
+        """Give the program one line; its lines come as `printed`."""
 
     def state(self) -> ProgramState:
         """State of the program."""
@@ -310,7 +310,7 @@ class Program(Unit):
                 raise ValueError("expected command = [program, arguments …], got nothing")
 
     interface = ProgramInterface
-    said = Event[str]()
+    printed = Event[str]()
     period_s = 0.1
     parameters: Parameters
 
@@ -361,8 +361,8 @@ class Program(Unit):
         return answer
 
     @external
-    def tell(self, text: str) -> None:
-        """Give the program one line; its lines come as the event `said`."""
+    def write_line(self, text: str) -> None:
+        """Give the program one line; its lines come as the event `printed`."""
         process = self._running()
         self._write(process, self._line(text))
 
@@ -378,7 +378,7 @@ class Program(Unit):
             pid=process.pid if process is not None and running is Running.RUNNING else None,
             restarts=self._restarts,
             lines=process.lines if process is not None else 0,
-            lines_left_out=process.left_out if process is not None else 0,
+            lines_skipped=process.skipped if process is not None else 0,
             why=self._reason,
         )
 
@@ -474,5 +474,5 @@ class Program(Unit):
             except BAD_PAYLOAD:
                 logger.warning("%s: ignored a line that is not JSON: %.200s", self.env.plugin, line)
                 return False
-        self.said.notify(line)
+        self.printed.notify(line)
         return True

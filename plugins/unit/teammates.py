@@ -47,14 +47,14 @@ class Doing(StrEnum):
 
     MOVING = "under way"
     """It follows its path, or waits on it for others."""
-    STANDING = "standing"
+    IDLE = "idle"
     """It has no path, and may be given one at any time."""
     OBSTACLE = "obstacle"
     """It is halted, silent or lost, or it does not move although no robot holds it up. It is assumed to stay where it
     was last seen."""
 
 
-class Mate(msgspec.Struct, frozen=True, eq=False):
+class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Another robot, as seen by a robot that drives."""
 
     name: str
@@ -92,7 +92,7 @@ class TeammatesInterface(Protocol):
     def count(self) -> int:
         """Number of robots received within the last two seconds, in any map frame."""
 
-    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+    def nearby(self, place: Point2D, within_m: float) -> list[NearbyRobot]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
 
 
@@ -158,7 +158,7 @@ class KnownTeammate:
         self.moved_at: Pose2D | None = None
         self.stalled_ns = stalled_ns
         self.default_speed_m_s = speed_m_s
-        self.cached: Mate | None = None
+        self.cached: NearbyRobot | None = None
         """The last prediction; None after a newer message."""
 
 
@@ -207,7 +207,7 @@ def _path_of(path: PlannedPath) -> tuple[Floats, Box]:
     return sample_path(np.array([*zip(xs, ys, strict=True)]), LONGEST_M), (min(xs), min(ys), max(xs), max(ys))
 
 
-def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> list[Mate]:
+def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> list[NearbyRobot]:
     """Predictions of the teammates, without those that have not published their pose."""
     placed = [known for known in teammates if known.teammate is not None]
     silent_ns = now_ns - fresh_ns
@@ -224,7 +224,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
         if known.received_ns >= silent_ns and not state.halted and not state.lost:
             rest = None if route is None else route[known.passed + 1 : known.passed + 1 + AHEAD]
             if rest is None or len(rest) < AT_END:
-                doing = Doing.STANDING
+                doing = Doing.IDLE
             elif held_at_m is not None or now_ns - known.moved_ns <= known.stalled_ns:
                 doing = Doing.MOVING
         if doing is Doing.MOVING and rest is not None and known.bound is not None:
@@ -238,7 +238,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             positions, speed_m_s = _rolling_on(teammate, is_fresh=known.received_ns >= silent_ns)
             held_at = len(positions) - 1
         energy, task = state.energy, state.task
-        known.cached = Mate(
+        known.cached = NearbyRobot(
             known.name,
             pose,
             radius_m,
@@ -299,7 +299,7 @@ def may_be_near(teammates: Iterable[KnownTeammate], place: Point2D, within_m: fl
     return found
 
 
-def near(teammates: Sequence[Mate], place: Point2D, within_m: float) -> list[Mate]:
+def near(teammates: Sequence[NearbyRobot], place: Point2D, within_m: float) -> list[NearbyRobot]:
     """Those that are, or are bound, within a distance of a place."""
     return list(itertools.compress(teammates, any_within([teammate.track for teammate in teammates], place, within_m)))
 
@@ -361,7 +361,7 @@ class Teammates(Unit):
         now_ns = self._receive()
         return sum(now_ns - known.received_ns <= self._fresh_ns for known in self._known.values())
 
-    def mates(self, place: Point2D, within_m: float) -> list[Mate]:
+    def nearby(self, place: Point2D, within_m: float) -> list[NearbyRobot]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
         now_ns = self._receive()
         frame = self.env.board.frame

@@ -72,11 +72,11 @@ class HandControl:
             self._handle()
 
     def _handle(self) -> int:
-        answer = self._call("take_hand", {"by": self._by})
+        answer = self._call("acquire_hand_lease", {"by": self._by})
         try:
             acquired = msgspec.convert(answer, HandLease)
         except msgspec.ValidationError as error:
-            raise CallError(ErrorCode.FAILED, f"take_hand: the answer is no lease: {error}") from error
+            raise CallError(ErrorCode.FAILED, f"acquire_hand_lease: the answer is no lease: {error}") from error
         self._lease, self.renew_s = acquired.lease, min(acquired.renew_s, LONGEST_RENEW_S)
         return acquired.lease
 

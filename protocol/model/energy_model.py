@@ -1,6 +1,6 @@
 """Energy cost of work for a robot, from the model that it has learned of itself.
 
-Power is a sum of terms: standing (idle and compute), moving, speed, turning, speeding up. The terms are those of two
+Power is a sum of terms: idle (with compute), moving, speed, turning, speeding up. The terms are those of two
 papers by Mei, Lu, Hu, Lee. These are: Energy-Efficient Motion Planning for Mobile Robots, ICRA 2004; A Case Study of
 Mobile Robot's Energy Consumption and Conservation Techniques, ICAR 2005. Sensing, control and computing draw a
 constant; the motors draw a loss when they turn, and m(a + gμ)v. All joules are at the battery's terminals. Pure
@@ -17,7 +17,7 @@ from msgspec import Meta
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Joules, NotNegative, Pace, Positive, Quantity, Watts
 
-TERMS = ("standing_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
+TERMS = ("idle_w", "moving_w", "speed_w_per_m_s", "yaw_w_per_rad_s", "acceleration_kg")
 """Names of the coefficients, in order. The last is a mass: the energy of a change of v²/2."""
 STILL_BELOW = 0.01
 """Below this many m/s and rad/s the robot stands; chosen above the noise of encoders."""
@@ -90,7 +90,7 @@ class EnergyModel(msgspec.Struct, frozen=True, kw_only=True):
     residual_w2_s: Annotated[float, Meta(ge=0.0, le=1e12)]
     """Power that the terms do not explain: variance of its integral per second (W²·s)."""
     drift_w2_per_s: Annotated[float, Meta(ge=0.0, le=1e12)]
-    """Variance that the standing power gains per second, because it drifts."""
+    """Variance that the idle power gains per second, because it drifts."""
     relative_sd: Annotated[float, Meta(ge=0.0, le=1e3)]
     """Standard deviation of a path's cost around its plan, as a share of the cost."""
     path_ratio: Annotated[float, Meta(ge=0.0, le=1e3)]

@@ -1,7 +1,7 @@
 """Quality of service of ROS 2, and its form in tokens of `rmw_zenoh`.
 
-A token holds `reliability:durability:history,depth:deadline:lifespan:liveliness,lease` with the numbers of rmw's enums;
-a value that is rmw_zenoh's default is left out, as are deadline, lifespan and lease here.
+A token holds `reliability:durability:history,depth:deadline:lifespan:liveliness,lease` with the numbers of rmw's enums.
+Defaults of rmw_zenoh are omitted, and here also deadline, lifespan and lease.
 """
 
 from enum import IntEnum

@@ -1,7 +1,7 @@
 """A node of ROS 2 over an existing Zenoh session, as `rmw_zenoh` sees it.
 
-The attachment of messages, requests and responses has 33 bytes: number and time, two little-endian int64, and 16 bytes
-of gid behind their length, as Zenoh's serializer writes an array. A server is a queryable, a request is a query.
+The attachment of messages, requests and responses has 33 bytes. These are number and time, two little-endian int64, and
+16 bytes of gid behind their length, as Zenoh's serializer writes an array. A server is a queryable, a request a query.
 Nodes find each other by liveliness tokens: `@ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/NAME`, and for
 all but nodes `/TOPIC/TYPE/HASH/QOS` (rmw_zenoh: design.md, liveliness_utils.cpp).
 """

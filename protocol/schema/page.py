@@ -19,10 +19,10 @@ A *topic* is published, a *query* is answered, and a *token* (Zenoh liveliness) 
 are JSON unless stated otherwise. For programs: `robrain wire --format jsonschema` prints the same as one JSON document.
 [Talk to a team from any language](../how-to/any-language.md) shows how a client uses them.
 
-A message is refused if it is larger than its topic allows, does not decode, has a value out of range, or names another
-sender than its key. Refused messages are counted by topic, sender and reason; `robrain status`, the log and the
-dashboard show them. A stamp more than 5 s ahead of the receiver's clock, or more than 60 s behind it, is by a clock
-that differs. Receivers then count the times in the message from its arrival.
+A message is refused if it is larger than its topic allows or does not decode. It is also refused if a value is out of
+range, or if it names another sender than its key. Refused messages are counted by topic, sender and reason;
+`robrain status`, the log and the dashboard show them. A stamp more than 5 s ahead of the receiver's clock, or more than
+60 s behind it, is by a clock that differs. Receivers then count the times in the message from its arrival.
 """
 
 TOPIC_WORDS = """\
@@ -107,7 +107,7 @@ def tokens_table() -> str:
 
 def message_section(name: str, schema: Schema) -> str:
     """A message, request, reply or part of one, with its fields."""
-    about = " ".join(schema.get("description", "").split())
+    about = " ".join(schema.get("description", "").partition(">>>")[0].split())
     needed = schema.get("required", [])
     rows = []
     for field, part in schema.get("properties", {}).items():

@@ -107,7 +107,7 @@ class Breach(msgspec.Struct, frozen=True, kw_only=True):
     """In one sentence; no decision depends on it."""
 
 
-class Ruling(msgspec.Struct, frozen=True, kw_only=True, rename={"state": "standing", "reason": "why"}):
+class Ruling(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict on one invariant."""
 
     invariant: Invariant

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.agent.action import Action, ActionDesk
+from robrain.agent.action import Action, Actions
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.unit.driver.driver import Driver
@@ -31,7 +31,7 @@ class PointDriver(Unit):
 
     def init(self) -> None:
         self._robot = robot_of(self.env)
-        self._actions = ActionDesk(self.env, self.progress, self.finished)
+        self._actions = Actions(self.env, self.progress, self.finished)
         self._action: Action | None = None
         self._goal: Point2D | None = None
         self._yaw_rad: float | None = None
@@ -107,14 +107,14 @@ class PointDriver(Unit):
     @external
     def motion(self) -> Motion:
         """Present motion of the driver."""
-        return Motion.STANDING if self._goal is None else Motion.DRIVING
+        return Motion.STOPPED if self._goal is None else Motion.DRIVING
 
     def blocked_s(self) -> float:
         """Nothing obstructs a point."""
         return 0.0
 
     @external
-    def blocked_why(self) -> str:
+    def blocked_reason(self) -> str:
         """Nothing obstructs a point."""
         return ""
 

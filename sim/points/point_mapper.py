@@ -11,7 +11,7 @@ from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import in_own_time, map_stamp_ms, merge_message, to_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.plugins.skill.mapper.mapper import Mapper, MapperCounters, MapperInterface, MapView
+from robrain.plugins.skill.mapper.mapper import MapCells, Mapper, MapperCounters, MapperInterface
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
@@ -43,7 +43,7 @@ class PointMapper(Skill):
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
         self._own = OccupancyGrid(geometry)
-        self._view: MapView | None = None
+        self._view: MapCells | None = None
         self._inbox = Inbox(capacity=4096)
         self._number = map_stamp_ms(self.env.clock.now_ns())
         """Of the robot's submap."""
@@ -75,11 +75,11 @@ class PointMapper(Skill):
         self._receive()
         self._scan()
 
-    def view(self) -> MapView:
+    def view(self) -> MapCells:
         """The map as it is now."""
         grid = self._atlas.grid
         if self._view is None or self._view.version != grid.version:
-            self._view = MapView(grid.version, grid.geometry, grid.classes())
+            self._view = MapCells(grid.version, grid.geometry, grid.classes())
         return self._view
 
     @external
@@ -93,8 +93,8 @@ class PointMapper(Skill):
         """Counters of scans and patches."""
         return MapperCounters(
             scans=self._scans,
-            scans_left_out=0,
-            why_left_out="",
+            scans_skipped=0,
+            skip_reason="",
             patches_dropped=self._inbox.dropped,
             submaps=len(self._atlas.submaps),
             closures=0,

@@ -10,7 +10,13 @@ from robrain.protocol.answers.later import Later
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
-from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TASK_WHY, TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_EXPLAIN,
+    TASK_SUBMIT,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+)
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative
 from robrain.protocol.model.tasks.task import TaskState
@@ -175,7 +181,7 @@ class TaskSchedule:
         if outcome.state is None or outcome.state.ended:
             return outcome
         try:
-            why = self._endpoint.ask(TASK_WHY, TaskRequest(id=outcome.task, by=SCENARIO)).now
+            why = self._endpoint.ask(TASK_EXPLAIN, TaskRequest(id=outcome.task, by=SCENARIO)).now
         except (CallError, NobodyThere):
             return outcome
         return msgspec.structs.replace(outcome, why=why)

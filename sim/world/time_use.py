@@ -22,7 +22,7 @@ class TimeUse(msgspec.Struct, frozen=True, kw_only=True):
     """On the spot."""
     waiting_s: Seconds = 0.0
     """Standing with a task: for other robots, for a path, or at work."""
-    standing_s: Seconds = 0.0
+    idle_s: Seconds = 0.0
     """Without a task."""
 
 
@@ -56,5 +56,5 @@ class TimeUseMeter:
 
     def of(self, index: int) -> TimeUse:
         """The time use of a robot, by its number."""
-        driving_s, turning_s, waiting_s, standing_s = self._spent_s[index].round(3).tolist()
-        return TimeUse(driving_s=driving_s, turning_s=turning_s, waiting_s=waiting_s, standing_s=standing_s)
+        driving_s, turning_s, waiting_s, idle_s = self._spent_s[index].round(3).tolist()
+        return TimeUse(driving_s=driving_s, turning_s=turning_s, waiting_s=waiting_s, idle_s=idle_s)

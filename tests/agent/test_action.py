@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.agent.action import ActionDesk
+from robrain.agent.action import Actions
 from robrain.agent.event import Event, Mailbox
 from robrain.agent.lifecycle.transitions import Trigger
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -17,7 +17,7 @@ from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.workers import OwnedThread, close_threads
 
 OVEN = """
-    from robrain.agent.action import Action, ActionDesk
+    from robrain.agent.action import Action, Actions
     from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionProgress
 
     class Oven(Device):
@@ -26,7 +26,7 @@ OVEN = """
         finished = Event[ActionEnd](outside=True)
 
         def init(self):
-            self.actions = ActionDesk(self.env, self.progress, self.finished, several={several})
+            self.actions = Actions(self.env, self.progress, self.finished, several={several})
             self.baked = {{}}
 
         @external
@@ -166,7 +166,7 @@ class Heard:
         self.progress, self.ends = [], []
         plugin.progress.add(self.progress.append, self.mailbox)
         plugin.finished.add(self.ends.append, self.mailbox)
-        self.desk = ActionDesk(self.env, plugin.progress, plugin.finished, several=several)
+        self.desk = Actions(self.env, plugin.progress, plugin.finished, several=several)
 
 
 steps = st.lists(

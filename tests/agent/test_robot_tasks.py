@@ -10,7 +10,7 @@ from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import REASON_TEXT_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NotHeard, Occupied
+from robrain.protocol.reasons import DoneJustNow, NoState, Occupied
 from tests.agent.explorer import GOAL, NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
@@ -432,7 +432,7 @@ def test_lease_counts_from_the_state_that_the_coordinator_received_last(desk, ex
     [
         [],
         [RobotSummary(name="r2", up=True, age_s=0.1)],
-        [RobotSummary(name="r1", up=False, age_s=1e6, out=NotHeard())],  # its token came before its state
+        [RobotSummary(name="r1", up=False, age_s=1e6, out=NoState())],  # its token came before its state
     ],
 )
 def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explorer, robots):

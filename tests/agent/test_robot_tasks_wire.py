@@ -8,7 +8,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import StoodStill
+from robrain.protocol.reasons import ProcessPaused
 from tests.agent.explorer import offer
 
 SEEKER = """
@@ -121,7 +121,7 @@ def stand_still(bench, for_s):
 def test_offers_that_may_have_waited_while_the_process_stood_still_are_refused(seeker, steps):
     stand_still(seeker, 0.6)
     seeker.tick(steps)
-    assert send(seeker, ROBOT_OFFER, offer()) == TaskAnswer.refused(StoodStill())
+    assert send(seeker, ROBOT_OFFER, offer()) == TaskAnswer.refused(ProcessPaused())
     assert seeker.plugin("seeker").log == []
 
 

@@ -75,14 +75,14 @@ def instance(robots: int, tasks: int, objective: Objective) -> Problem:
 def _first_plans(sizes: tuple[tuple[int, int], ...]) -> Iterator[Figure]:
     for robots, tasks in sizes:
         problem = instance(robots, tasks, Objective.ENERGY)
-        took_ms = []
+        durations_ms = []
         for _ in range(5):
             begin_s = time.process_time()
             plan = AuctionAllocator().plan(problem)
-            took_ms.append(1e3 * (time.process_time() - begin_s))
+            durations_ms.append(1e3 * (time.process_time() - begin_s))
         what = f"{robots} × {tasks}: first feasible plan (auction)"
-        slowest = f"median of 5, slowest {max(took_ms):.1f} ms"
-        yield timing(f"{what}, CPU", sorted(took_ms)[2], "ms", at_most(FIRST_BOUND_MS[robots]), slowest)
+        slowest = f"median of 5, slowest {max(durations_ms):.1f} ms"
+        yield timing(f"{what}, CPU", sorted(durations_ms)[2], "ms", at_most(FIRST_BOUND_MS[robots]), slowest)
         yield deterministic(f"{what}: rules that it breaks", len(validate(problem, plan)), bound=at_most(0))
     robots, tasks = sizes[-1]
     problem = instance(robots, tasks, Objective.ENERGY)

@@ -145,13 +145,13 @@ def _camera(noise_levels: float = 1.0) -> Camera:
 
 def _picture() -> list[Figure]:
     camera, rng = _camera(), np.random.default_rng(1)
-    took_ms, sizes = [], []
+    durations_ms, sizes = [], []
     for moment in range(PICTURES):
         pose = Pose2D(rng.uniform(0.5, 2.5), rng.uniform(0.5, 3.5), rng.uniform(-math.pi, math.pi))
         begun_s = time.perf_counter()
         sizes.append(len(camera.png(pose, [SeenRobot(1, Pose2D(4.5, 2.0, 0.0), 0.2)], [], moment)))
-        took_ms.append(1000.0 * (time.perf_counter() - begun_s))
-    middle_ms, size = statistics.median(took_ms), statistics.mean(sizes)
+        durations_ms.append(1000.0 * (time.perf_counter() - begun_s))
+    middle_ms, size = statistics.median(durations_ms), statistics.mean(sizes)
     what = "a picture of 160 x 120"
     return [
         timing(f"{what}: drawn and encoded in", middle_ms, "ms", at_most(20), "only when asked for"),

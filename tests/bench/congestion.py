@@ -233,9 +233,9 @@ def measure(robots: int = ROBOTS, halts: int = HALTS) -> Iterator[Figure]:
 
 
 def _halts(team: Fleet, name: str, halts: int) -> Figure:
-    took_ms = [1e3 * each for _ in range(halts) for each in team.halt_once()]
-    median_ms, p99_ms = np.percentile(took_ms, (50, 99))
-    beside = f"{halts} halts, median {median_ms:.1f} ms, slowest {max(took_ms):.1f} ms"
+    durations_ms = [1e3 * each for _ in range(halts) for each in team.halt_once()]
+    median_ms, p99_ms = np.percentile(durations_ms, (50, 99))
+    beside = f"{halts} halts, median {median_ms:.1f} ms, slowest {max(durations_ms):.1f} ms"
     return timing(name, p99_ms, "ms", at_most(HALT_BOUND_MS), beside)
 
 

@@ -67,9 +67,9 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
     for case, spoilers in CASES.items():
         with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session, _robot(session, spoilers) as stopwatch:
             stopwatch.halt_once()  # the first one loads code
-            took_ms = [1e3 * stopwatch.halt_once() for _ in range(rounds)]
-        median_ms, p99_ms = np.percentile(took_ms, (50, 99))
-        beside = f"{rounds} halts, median {median_ms:.1f} ms, slowest {max(took_ms):.1f} ms"
+            durations_ms = [1e3 * stopwatch.halt_once() for _ in range(rounds)]
+        median_ms, p99_ms = np.percentile(durations_ms, (50, 99))
+        beside = f"{rounds} halts, median {median_ms:.1f} ms, slowest {max(durations_ms):.1f} ms"
         yield timing(f"put to stop frame, {case}: p99", p99_ms, "ms", at_most(BOUND_MS), beside)
 
 

@@ -223,8 +223,8 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
 
 def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: float) -> PlanningRobot:
     """A robot that has energy for about its share of the tasks, and the way to a charger."""
-    way_m = min(math.hypot(home.x_m - place.x_m, home.y_m - place.y_m) for place in chargers)
-    usable_j = share_j + DETOUR * way_m * J_PER_M
+    path_m = min(math.hypot(home.x_m - place.x_m, home.y_m - place.y_m) for place in chargers)
+    usable_j = share_j + DETOUR * path_m * J_PER_M
     battery = BatteryState(
         voltage_v=16.0, current_a=1.0, temperature_c=20.0, soc=0.9, remaining_j=usable_j, remaining_low_j=usable_j
     )

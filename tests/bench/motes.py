@@ -183,7 +183,7 @@ def _visit(distance_m: float, seed: int) -> tuple[float, float, float]:
                     first_s = time_s
         got = {received.message.sequence for received in readings.drain()}
         stored = set(range(int(VISIT_AFTER_S / network.motes.period_s) - 1))
-        table = robot.host.manager.get("snw_exploration").live_plugin().heard()
+        table = robot.host.manager.get("snw_exploration").live_plugin().motes()
     heard_s = table[0].stamp_ns / 1e9 - (first_s or 0.0) if table else 0.0
     return len(got & stored) / len(stored), heard_s, _most(field, distance_m, half_s, len(stored))
 

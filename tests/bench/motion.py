@@ -90,7 +90,7 @@ class Robot:
 
     def act(self, name: str, *arguments: float) -> None:
         getattr(self.driver, name)(*arguments)
-        self.run_until(lambda: self.driver.motion() == "standing")
+        self.run_until(lambda: self.driver.motion() == "stopped")
 
     def close(self) -> None:
         self.host.close()
@@ -223,7 +223,7 @@ def _range_sensor_cost(chunks: int = 60, chunk_s: float = 0.5) -> Figure:
         robots = {True: ringed, False: without}
         for chunk in range(chunks):
             for has_ring, robot in robots.items():
-                if robot.driver.motion() == "standing":
+                if robot.driver.motion() == "stopped":
                     robot.driver.go_to(*(((5.0, 0.0, 0.0), (5.0, 5.0, 1.5), (0.0, 0.0, 0.0))[chunk % 3]))
                 began_s = time.process_time()
                 robot.run(chunk_s)

@@ -36,10 +36,10 @@ def position_bound_m(drive: Drive, drift: DriftModel, static_share: float) -> fl
         transition[1, 2:6] = dx_m, y_m, dx_m * forward_m / 2, dx_m * turned_rad / 2
         transition[2, 4:6] = forward_m, turned_rad
         covariance = transition @ covariance @ transition.T
-        way_m = math.hypot(forward_m, left_m)
-        covariance[0, 0] += drift.sigma_m_per_sqrt_m**2 * way_m
-        covariance[1, 1] += drift.sigma_m_per_sqrt_m**2 * way_m
-        covariance[2, 2] += drift.sigma_rad_per_sqrt_m**2 * way_m + drift.sigma_rad_per_sqrt_rad**2 * abs(turned_rad)
+        path_m = math.hypot(forward_m, left_m)
+        covariance[0, 0] += drift.sigma_m_per_sqrt_m**2 * path_m
+        covariance[1, 1] += drift.sigma_m_per_sqrt_m**2 * path_m
+        covariance[2, 2] += drift.sigma_rad_per_sqrt_m**2 * path_m + drift.sigma_rad_per_sqrt_rad**2 * abs(turned_rad)
         for mote, _ in drive.heard[step]:
             place = drive.motes[mote]
             off_x_m, off_y_m = drive.true[step + 1, 0] - place.x_m, drive.true[step + 1, 1] - place.y_m

@@ -23,7 +23,7 @@ from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
@@ -212,8 +212,8 @@ def _await_explored(wire: Endpoint) -> None:
 def _calls(client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
     pause = np.random.default_rng(1)
     for number in range(rounds):
-        way_m = 0.3 if number % 2 else -0.3
-        yield _react(wheels, pause, partial(client.call, ROBOT, "driver", "drive", way_m))
+        path_m = 0.3 if number % 2 else -0.3
+        yield _react(wheels, pause, partial(client.call, ROBOT, "driver", "drive", path_m))
         client.call(ROBOT, "driver", "stop")
 
 
@@ -255,7 +255,7 @@ def _events(wire: Endpoint, client: Team, wheels: WheelMessages, rounds: int) ->
     pause = np.random.default_rng(5)
     publisher = wire.publisher(ROBOT_EVENT, robot=ROBOT, plugin="monitor", event="changed")
     for number in range(rounds):
-        event = Event(robot=ROBOT, plugin="monitor", event="changed", value=float(number % 2))
+        event = PluginEvent(robot=ROBOT, plugin="monitor", event="changed", value=float(number % 2))
         yield _react(wheels, pause, partial(publisher.put, event))
         _cancel_all(client)
 

@@ -30,8 +30,8 @@ SECTIONS = {
     ),
     "exploration_lab": Section(
         "Exploration strategies",
-        "`robrain bench exploration` with fidelity points until 95 % of the clinic are known, seeds 51 and 52, which "
-        "chose nothing; fidelity full beside it with one robot. Figures are those of the default strategy.",
+        "`robrain bench exploration` with fidelity points until 95 % of the clinic are known. Seeds 51 and 52 "
+        "chose nothing. One robot runs beside it with fidelity full. Figures are those of the default strategy.",
         "tests.bench.exploration_lab:measure",
     ),
     "motion": Section(
@@ -41,15 +41,15 @@ SECTIONS = {
     ),
     "energy": Section(
         "Battery and energy",
-        "A hundred robots: capacity faded by 0 to 20 %, resistance grown by 0 to 60 %, 10 to 30 °C, payload up to "
-        "4 kg, computers of 4 to 9 W with bursts, every second one found part-charged, cells that differ from the "
-        "nominal ones.",
+        "A hundred robots: capacity faded by 0 to 20 %, resistance grown by 0 to 60 %, 10 to 30 °C. Their payload is "
+        "up to 4 kg, and their computers draw 4 to 9 W with bursts. Every second robot is found part-charged, and the "
+        "cells differ from the nominal ones.",
         "tests.bench.energy:measure",
     ),
     "motes": Section(
         "Motes",
-        "Lockstep runs in the built-in depot; the limit of a visit is a mote that sends all the time and repeats "
-        "nothing unnecessarily, with the same shadowing.",
+        "Lockstep runs in the built-in depot. The limit of a visit is a mote that sends all the time with the same "
+        "shadowing, and repeats nothing unnecessarily.",
         "tests.bench.motes:measure",
     ),
     "localisation": Section(
@@ -62,9 +62,9 @@ SECTIONS = {
     ),
     "mapping": Section(
         "Mapping",
-        "Floors of `examples/maps`, wheels that slip and are 1 % off, 1 % dropouts, seeds 1 and 2: 4 robots on clinic "
-        "and warehouse, for 150 s, also with late messages and paused agents; robots with unknown starts, and "
-        "robots that are carried off, 3 in the clinic. `robrain bench mapping` runs more.",
+        "Floors of `examples/maps`, wheels that slip and are 1 % off, 1 % dropouts, seeds 1 and 2. Four robots map "
+        "clinic and warehouse for 150 s, also with late messages and paused agents. Three robots in the clinic have "
+        "unknown starts or are carried off. `robrain bench mapping` runs more.",
         "tests.bench.mapping:measure",
     ),
     "behaviors": Section(
@@ -102,9 +102,9 @@ SECTIONS = {
     ),
     "start": Section(
         "The start",
-        "64 robots set up in the depot, the import of their plugins included. `robrain demo` in a fresh clone, opened "
-        "by a running Chromium as soon as the address is printed; a picture has the colours of free floor and of "
-        "robots. Cold is without byte code and compiled kernels.",
+        "64 robots set up in the depot, the import of their plugins included. `robrain demo` in a fresh clone is "
+        "opened by a running Chromium as soon as the address is printed. A picture has the colours of free floor and "
+        "of robots. Cold is without byte code and compiled kernels.",
         "tests.bench.start:measure",
     ),
     "peers": Section(
@@ -115,7 +115,7 @@ SECTIONS = {
     ),
     "sweep": Section(
         "Sweeps",
-        "`robrain sweep`: 30 runs of 60 simulated seconds in the depot, by one process and by two; the start of the "
+        "`robrain sweep`: 30 runs of 60 simulated seconds in the depot, by one process and by two. The start of the "
         "processes and the figures are included.",
         "tests.bench.sweep:measure",
     ),
@@ -127,8 +127,8 @@ SECTIONS = {
     ),
     "host_weight": Section(
         "The weight of an agent",
-        "`robrain agent` in a process of its own: alone with mocdevice, driver and command, and with all stock plugins "
-        "exploring the depot.",
+        "`robrain agent` in a separate process. It runs mocdevice, driver and command alone, or explores the depot "
+        "with all stock plugins.",
         "tests.bench.host_weight:measure",
     ),
     "plugin_host": Section("The plugin host", "Live hosts on loopback.", "tests.bench.plugin_host:measure"),
@@ -158,8 +158,8 @@ SECTIONS = {
     ),
     "secured_cost": Section(
         "Secured against plain",
-        "Two teams of `arena_small` at the same time on one machine, one with certificates and a router's rules: "
-        "latency of a call and of a state, and CPU of router and agent, as ratios.",
+        "Two teams of `arena_small` at the same time on one machine, one with certificates and a router's rules. "
+        "Ratios of the latency of a call and of a state, and of the CPU of router and agent.",
         "tests.bench.secured_cost:measure",
     ),
     "responses": Section(

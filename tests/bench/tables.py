@@ -77,8 +77,8 @@ def summary(results: Results, known: Known) -> str:
     took_min = sum(result.measured.took_s for result in results.sections.values()) / 60
     return (
         f"{len(figures)} figures in {len(results.sections)} of {len(SECTIONS)} sections, measured in {took_min:.0f} "
-        f"minutes; {fixed} of them depend on the code alone. {bounded} have a bound, {len(verdict.kept)} of those are "
-        f"kept, {len(verdict.known) + len(verdict.missed)} are missed, {len(verdict.unjudged)} were measured beside "
+        f"minutes; {fixed} of them depend on the code alone. Of {bounded} bounds, {len(verdict.kept)} are kept and "
+        f"{len(verdict.known) + len(verdict.missed)} missed. {len(verdict.unjudged)} figures were measured beside "
         "other work and are to be measured again.\n\n" + "".join(f"Measured on: {machine}.\n" for machine in machines)
     )
 

@@ -45,14 +45,14 @@ def _journal(folder: Path) -> list[Figure]:
         journal.when_on_disk(lambda _error: is_on_disk.set())
         is_on_disk.wait()
 
-    accept_ms = median(_took_ms(lambda name=f"t{number}": accept(name)) for number in range(ACCEPTED))
-    own_ms = median(_took_ms(lambda name=f"o{number}": book.add(_visit(name), own=True)) for number in range(ACCEPTED))
+    accept_ms = median(_spent_ms(lambda name=f"t{number}": accept(name)) for number in range(ACCEPTED))
+    own_ms = median(_spent_ms(lambda name=f"o{number}": book.add(_visit(name), own=True)) for number in range(ACCEPTED))
     changes = []
     for number in range(ACCEPTED):
         name = f"t{number}"
-        changes.append(_took_ms(lambda name=name: book.offered(name, "r1")))
-        changes.append(_took_ms(lambda name=name: book.move(name, TaskState.RUNNING)))
-        changes.append(_took_ms(lambda name=name: book.move(name, TaskState.DONE)))
+        changes.append(_spent_ms(lambda name=name: book.offered(name, "r1")))
+        changes.append(_spent_ms(lambda name=name: book.move(name, TaskState.RUNNING)))
+        changes.append(_spent_ms(lambda name=name: book.move(name, TaskState.DONE)))
     journal.close()
     change_ms = median(changes)
     return [
@@ -74,8 +74,8 @@ def _restart(folder: Path) -> list[Figure]:
         TaskBook(VirtualClock(), 0, lambda _event: None, again).republish(256)
         again.close()
 
-    took_ms = min(_took_ms(begin) for _ in range(RESTARTS))
-    return [timing(f"a book with {TASKS} open tasks opened in", took_ms, "ms", at_most(500))]
+    duration_ms = min(_spent_ms(begin) for _ in range(RESTARTS))
+    return [timing(f"a book with {TASKS} open tasks opened in", duration_ms, "ms", at_most(500))]
 
 
 def _steps() -> list[Figure]:
@@ -111,8 +111,8 @@ def _steps() -> list[Figure]:
         steps = []
         for _ in range(20):
             clock.advance_to(clock.now_ns() + to_ns(STEP_S))
-            steps.append(_took_ms(step))
-        decide_ms = median(_took_ms(lambda: lifecycle.dispatch([], clock.now_ns())) for _ in range(10))
+            steps.append(_spent_ms(step))
+        decide_ms = median(_spent_ms(lambda: lifecycle.dispatch([], clock.now_ns())) for _ in range(10))
         wire.close()
     step_ms = median(steps)
     team = f"{TASKS} tasks, {ROBOTS} robots"
@@ -126,7 +126,7 @@ def _visit(name: str, **fields: tuple[str, ...]) -> Task:
     return Task(id=name, kind="visit", place=Point2D(1.0, 2.0), **fields)
 
 
-def _took_ms(do: Callable[[], object]) -> float:
+def _spent_ms(do: Callable[[], object]) -> float:
     began_s = time.perf_counter()
     do()
     return 1e3 * (time.perf_counter() - began_s)

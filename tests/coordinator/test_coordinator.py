@@ -293,7 +293,7 @@ def test_the_summary_says_who_is_there_and_what_is_known(team):
     team.run(2.0)
     summary = team.summary
     assert [(robot.name, robot.up) for robot in summary.robots] == [("r1", True), ("r2", False)]
-    assert summary.robots[1].why == "nothing heard yet"
+    assert summary.robots[1].why == "no state received yet"
     assert summary.known_area_m2 == pytest.approx(16.0)
     assert summary.frontiers
     assert (summary.tasks_open, summary.tasks_done, summary.all_explored) == (1, 0, False)

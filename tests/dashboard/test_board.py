@@ -24,7 +24,7 @@ from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, Los
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import MinorityHeard, TopicStale
+from robrain.protocol.reasons import MinorityReached, TopicStale
 from robrain.protocol.refusals import Refusal
 from robrain.recording.drawing.robot_history import RobotHistory
 from tests.coordinator.planning.worlds import model
@@ -142,7 +142,7 @@ def test_alerts_name_what_is_wrong_the_worst_first() -> None:
 
 
 LEAD = Lead(election=4, journal="a", is_suspended=True, received=1, witnesses=["r1", "r2", "r3"])
-HELD_BACK = StandByStatus(process="", in_step=False, held_back=MinorityHeard(received=1, robots=4))
+HELD_BACK = StandByStatus(process="", in_step=False, held_back=MinorityReached(received=1, robots=4))
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ HELD_BACK = StandByStatus(process="", in_step=False, held_back=MinorityHeard(rec
         ({"unwritable": "team.journal: disk is full"}, "takes no tasks: team.journal: disk is full", {}),
         (
             {"stand_by": HELD_BACK},
-            "no task is offered: 1 of 4 robots are heard",
+            "no task is offered: 1 of 4 robots are reached",
             {"stand_by": StandByStatus(process="office-7", in_step=False)},
         ),
         (

@@ -27,7 +27,7 @@ class Driver:
         if self.fails is not None:
             raise self.fails
         self.asked.append((function, arguments))
-        if function == "take_hand":
+        if function == "acquire_hand_lease":
             self.lease, self.has_lapsed = self.lease + 1, False
             return {"lease": self.lease, "lease_s": 0.1, "renew_s": 0.025}
         if arguments["lease"] != self.lease or self.has_lapsed:
@@ -54,7 +54,7 @@ def test_lease_is_taken_once_and_renewed_while_a_button_is_held(pilot, driver):
     for now_s in (0.0, 0.05, 0.1):
         pilot.press("w", AHEAD, now_s)
         assert pilot.step(now_s)
-    assert [function for function, _ in driver.asked] == ["take_hand", "move", "move", "move"]
+    assert [function for function, _ in driver.asked] == ["acquire_hand_lease", "move", "move", "move"]
     assert driver.asked[0][1] == {"by": "ann"}
     assert driver.moves() == [(0.2, 0.0)] * 3
     assert (pilot.status, pilot.has_failed) == ("is driving", False)
@@ -88,7 +88,7 @@ def test_lease_that_has_lapsed_is_taken_again_while_the_button_is_held(pilot, dr
     pilot.press("w", AHEAD, 1.0)
     assert pilot.step(1.0)
     # What was asked for before the wait moves nothing: the button may have been released meanwhile.
-    assert [function for function, _ in driver.asked] == ["take_hand", "move", "move", "take_hand"]
+    assert [function for function, _ in driver.asked] == ["acquire_hand_lease", "move", "move", "acquire_hand_lease"]
     pilot.press("w", AHEAD, 1.025)
     assert pilot.step(1.025)
     assert [function for function, _ in driver.asked][4:] == ["move"]

@@ -19,10 +19,10 @@ from robrain.dashboard.state.shown_robot import ShownMote
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots import plugin_messages, robot_messages
-from robrain.protocol.messages.robots.plugin_messages import Event, FunctionInfo, LogRecord, PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, LogRecord, PluginEvent, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskRecord, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskExplanation, TaskRecord
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -136,7 +136,7 @@ def test_error_of_a_plugin_is_shown_with_file_line_and_traceback_on_the_robots_p
 def test_what_came_over_the_wire_never_becomes_markup(halted: bool) -> None:
     view = evil_view(halted)
     robot = view.robots[EVIL]
-    why = TaskWhy(
+    why = TaskExplanation(
         record=TaskRecord(task=Task(id=EVIL, kind="visit", place=Point2D(0.0, 0.0)), state=TaskState.FAILED, why=EVIL),
         now=EVIL,
         robots=[RobotVerdict(robot=EVIL, refusal=EVIL)],
@@ -204,7 +204,7 @@ def evil_view(halted: bool) -> ShownTeam:
     tell(
         view,
         plugin_messages.ROBOT_EVENT,
-        Event(robot=EVIL, plugin=EVIL, event=EVIL, value=EVIL),
+        PluginEvent(robot=EVIL, plugin=EVIL, event=EVIL, value=EVIL),
         robot=EVIL,
         plugin="p",
         event="e",

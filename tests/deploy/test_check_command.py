@@ -125,7 +125,7 @@ def test_json_has_a_list_of_invariants_with_findings_as_values(bad: Path) -> Non
     assert done.exit_code == 1
     told = {one["invariant"]: one for one in json.loads(done.stdout)["invariants"]}
     assert list(told) == [str(invariant) for invariant in Invariant]
-    assert told["walls"]["standing"] == "not_judged"
+    assert told["walls"]["state"] == "not_judged"
     assert told["walls"]["missing"] == "truth"
     [breach] = told["task_at_one"]["breaches"]
     assert breach["time_s"] == pytest.approx(2.2)  # since the first message

@@ -16,8 +16,8 @@ BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.
 FAULTS = [PluginFault(plugin=name, why="Traceback:\nOSError: no bus") for name in ("mocdevice", "driver")]
 
 
-def _shown(capsys: pytest.CaptureFixture[str], *standing: RobotStatus) -> list[str]:
-    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=list(standing)))
+def _shown(capsys: pytest.CaptureFixture[str], *statuses: RobotStatus) -> list[str]:
+    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], statuses=list(statuses)))
     return [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
 
@@ -40,8 +40,8 @@ def test_ended_task_is_not_shown_and_a_lost_robot_has_no_place() -> None:
 
 
 def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.CaptureFixture[str]) -> None:
-    standing = [robot_status(name, RobotState(robot=name, faulted=FAULTS)) for name in ("r1", "r2")]
-    lines = _shown(capsys, *standing)
+    statuses = [robot_status(name, RobotState(robot=name, faulted=FAULTS)) for name in ("r1", "r2")]
+    lines = _shown(capsys, *statuses)
     assert lines[2:] == [
         "r1 faulted – – – 2",
         "r2 faulted – – – 2",
@@ -55,7 +55,7 @@ def test_robot_that_has_gone_is_shown_with_its_last_task(capsys: pytest.CaptureF
 
 
 def test_state_of_the_field_is_a_line_of_its_own(capsys) -> None:
-    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, mote_field=FIELD))
+    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], statuses=UP, mote_field=FIELD))
     assert capsys.readouterr().out.splitlines()[3:] == [
         "10 motes, 1 dead, 6 off duty; 97 % of the readings arrived, newest 5 s old (oldest 34 s); 96 % covered"
     ]
@@ -83,7 +83,7 @@ def test_each_robot_is_shown_as_it_is(state: RobotState | None, condition: Robot
 
 def test_who_elected_the_coordinator_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     lead = Lead(election=4, journal="a", received=2, witnesses=["r1", "r2", "r3"])
-    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], standing=UP, lead=lead))
+    show_status(TeamStatus(team="default", coordinator=True, robots=["r1"], statuses=UP, lead=lead))
     assert "the coordinator leads by election 4: 2 of 3 witnesses hear it" in capsys.readouterr().out
 
 

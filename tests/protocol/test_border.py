@@ -14,7 +14,7 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.team_messages import HALT, Halt
@@ -62,8 +62,8 @@ def refusals(wire):
     [
         (ROBOT_STATE, {"robot": "nobody"}, RobotState(robot="r1")),
         (ROBOT_LOG, {"robot": "nobody"}, LogRecord(robot="r1", level="info", source="x", text="y")),
-        (ROBOT_EVENT, {"robot": "r1", "plugin": "a", "event": "e"}, Event(robot="r1", plugin="b", event="e")),
-        (ROBOT_EVENT, {"robot": "r1", "plugin": "a", "event": "e"}, Event(robot="r1", plugin="a", event="f")),
+        (ROBOT_EVENT, {"robot": "r1", "plugin": "a", "event": "e"}, PluginEvent(robot="r1", plugin="b", event="e")),
+        (ROBOT_EVENT, {"robot": "r1", "plugin": "a", "event": "e"}, PluginEvent(robot="r1", plugin="a", event="f")),
         (
             MOTE_READING,
             {"mote": "m1"},
@@ -132,7 +132,7 @@ def test_times_of_a_sender_whose_clock_differs_are_converted_to_the_receivers(wi
     )  # fmt: skip
     wire.publisher(MOTE_READING, mote="m1").put(reading, stamp_ns)
     wire.publisher(ROBOT_EVENT, robot="r1", plugin="p", event="e").put(
-        Event(robot="r1", plugin="p", event="e"), stamp_ns
+        PluginEvent(robot="r1", plugin="p", event="e"), stamp_ns
     )
     task = Task(id="t1", kind="visit", place=Point2D(0.0, 0.0), deadline_ns=to_ns(now_s + ahead_s + 90.0))
     wire.publisher(TASK_EVENT).put(TaskEvent(task=task, state=TaskState.QUEUED), stamp_ns)
@@ -225,7 +225,8 @@ def test_readers_of_one_message_convert_its_times_each_to_their_own_clock() -> N
     inboxes = [Inbox(), Inbox()]
     for wire, inbox in zip(wires, inboxes, strict=True):
         wire.subscribe(inbox, ROBOT_EVENT, robot="r1")
-    wires[1].publisher(ROBOT_EVENT, robot="r1", plugin="p", event="e").put(Event(robot="r1", plugin="p", event="e"))
+    names = {"robot": "r1", "plugin": "p", "event": "e"}
+    wires[1].publisher(ROBOT_EVENT, **names).put(PluginEvent(**names))
     (first,), (second,) = (inbox.drain() for inbox in inboxes)
     assert (first.message.stamp_ns, second.message.stamp_ns) == (0, to_ns(20.0))
     for wire in wires:

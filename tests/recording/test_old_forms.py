@@ -22,7 +22,7 @@ from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.tasks.old_form import RENAMED, upgraded_json
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons import MinorityHeard, NearestOut, PlainReason
+from robrain.protocol.reasons import MinorityReached, NearestOut, NoState, PlainReason
 from robrain.recording.reader.reading import recorded_message
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"
@@ -56,11 +56,13 @@ def test_old_reasons_are_read_with_their_kind_sentence_and_values() -> None:
         recorded_message(channel(TASK_EVENT.key("default")), Message(1, 8, payload, 7, 3)).payload
     )
     assert event.reason == PlainReason("nobody can do it", "gave_up")
-    idle = b'{"name":"r1","up":true,"age_s":0.1,"why":"idle","idle":{"code":"no_way","frontiers":2,"needed_m":0.5}}'
+    idle = b'{"name":"r1","up":true,"age_s":0.1,"why":"idle","idle":{"code":"no_way","frontiers":2,"needed_m":0.5}'
+    idle += b',"out":{"code":"not_heard"}}'
     payload = b'{"robots":[' + idle + b'],"refused":[{"topic":"t","key":"k","code":"failed","count":1,"why":""}]}'
     found = recorded_message(channel(COORDINATOR_STATE.key("default")), Message(1, 8, payload, 7, 3)).payload
     state = COORDINATOR_STATE.payloads.read(found)
     assert state.robots[0].idle == PlainReason("idle", "no_way", {"frontiers": 2, "needed_m": 0.5})
+    assert state.robots[0].out == NoState()
     assert state.refused[0].code == "failed"
     nearest = {"robot": "r1", "because": {"code": "crowded"}, "code": "nearest_out"}
     decoded = msgspec.json.decode(upgraded_json(b'{"reason":' + msgspec.json.encode(nearest) + b"}"))["reason"]
@@ -95,7 +97,7 @@ RENAMED_IN = {
         '"drift_w2_per_s":0,"relative_sd":0,"way_ratio":1.02,"pace_m_s":0.5,"turn_rate_rad_s":1,"packet_j":0,'
         '"usable_j":9,"power_w":12,"usual_power_w":11'
     ),
-    MinorityHeard: '"code":"minority_heard","heard":1,"robots":4',
+    MinorityReached: '"code":"minority_heard","heard":1,"robots":4',
 }
 """Fields of messages that had another name, as an older recording has them."""
 

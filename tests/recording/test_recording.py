@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.arena_messages import ARENA_CLOCK, ArenaClock
 from robrain.protocol.messages.team.team_messages import HALT, Halt
@@ -43,7 +43,7 @@ def record_a_run(stage: Stage, path: Path | None, *, steps: int = 30) -> Recordi
         states.put(state(step / 10))
         logs.put(LogRecord(robot="r1", level="info", source="test", text=f"step {step}"))
         if step % 10 == 0:
-            events.put(Event(robot="r1", plugin="bumper", event="hit", value={"side": "left"}))
+            events.put(PluginEvent(robot="r1", plugin="bumper", event="hit", value={"side": "left"}))
         recorder.step()
         stage.pass_time()
     return recorder.close()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import robrain
 from robrain.agent import errors
-from robrain.agent.action import ActionDesk
+from robrain.agent.action import Actions
 from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.environment import Environment
 from robrain.agent.event import Event
@@ -31,7 +31,7 @@ GROUPS = {
 """Headings of the page of `robrain`, and where the names below them live."""
 PLUGIN_NAMES = {
     "Plugins": [Plugin, external, Environment],
-    "Events and long actions": [Event, ActionDesk],
+    "Events and long actions": [Event, Actions],
     "Task behaviors": [Errand],
     "Tests": [PluginBench],
 }

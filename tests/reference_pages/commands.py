@@ -9,8 +9,8 @@ from tests.reference_pages.markdown import page, table
 
 INTRODUCTION = """\
 Every command prints results on stdout, progress and warnings on stderr. An error is one sentence with exit status 2;
-output that cannot be written is one with 1. Ctrl-C ends a command with 130; one that serves or records until then ends
-with 0, such as `agent`, `coordinator`, `dashboard`, `record` and `up` without `--until` and `--time-limit`.
+output that cannot be written is one with 1. Ctrl-C ends a command with 130. Commands that serve or record until then
+end with 0: `agent`, `coordinator`, `dashboard`, and `record` and `up` without `--until` and `--time-limit`.
 In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain COMMAND --help` prints the same as
 this page. Other pages: [robrain task](commands-task.md), [robrain plugin](commands-plugin.md),
 [robrain journal](commands-journal.md), [robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md) and

@@ -43,7 +43,7 @@ def _section(manifest: Manifest, plugin: type[Plugin], common: Struct | None) ->
         ("period", f"{period:g} s" if isinstance(period, float | int) and period else ""),
         ("requires", _names(tag.requires)),
         ("visible to", _names(tag.visibility)),
-        ("shared", "" if tag.shared else "no: one user at a time"),
+        ("users", "" if tag.shared else "one at a time"),
         ("restart", f"`{tag.restart}`" if tag.restart != "no" else ""),
     ]
     about = " ".join((inspect.getdoc(plugin) or "").partition("\n\n")[0].split())

@@ -11,7 +11,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots import robot_messages
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, Event, LogRecord
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, HALT
@@ -74,7 +74,7 @@ class FakeTeam:
                 paths[robot].put(PlannedPath(robot=robot, points=[Point2D(pose.x_m, pose.y_m), Point2D(0.0, 0.0)]))
             if tick % 10 == 1:
                 log.put(LogRecord(robot="r1", level=EVIL, source=EVIL, text=EVIL))
-                events.put(Event(robot="r1", plugin="p", event="e", value=EVIL))
+                events.put(PluginEvent(robot="r1", plugin="p", event="e", value=EVIL))
                 reading = MoteReading(
                     mote="m1", place=Point2D(0, 0), quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-60, via=EVIL
                 )

@@ -27,7 +27,7 @@ class Trouble(msgspec.Struct, frozen=True):
 class MoteBaseInterface(Protocol):
     """TinyOS active messages, received and sent."""
 
-    heard: Event[ReceivedPacket]
+    received: Event[ReceivedPacket]
     trouble: Event[Trouble]
 
     def send(self, destination: int, kind: int, payload: bytes) -> None: ...

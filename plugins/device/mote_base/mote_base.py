@@ -368,7 +368,7 @@ class PacketCounters(msgspec.Struct, frozen=True):
     floods: int
     sent: int
     flooding: bool
-    why_down: str
+    down_reason: str
     line: dict[str, int]
     """Additional counters of the kind of line."""
 
@@ -377,7 +377,7 @@ class LineHealth(msgspec.Struct, frozen=True):
     """State of the line to the base station."""
 
     is_up: bool
-    why_down: str
+    down_reason: str
     down_s: float
     """Time since which it is lost; 0 while it is open."""
     tries: int
@@ -423,7 +423,7 @@ class MoteBase(Device):
 
     interface = MoteBaseInterface
     period_s = POLL_S
-    heard = Event[ReceivedPacket]()
+    received = Event[ReceivedPacket]()
     trouble = Event[Trouble](outside=True)
     parameters: Parameters
 
@@ -478,7 +478,7 @@ class MoteBase(Device):
             floods=self._floods,
             sent=self._sent,
             flooding=self._guard.since_ns is not None,
-            why_down=link.down_reason if link is not None else "",
+            down_reason=link.down_reason if link is not None else "",
             line=link.counters() if link is not None else {},
         )
 
@@ -486,11 +486,11 @@ class MoteBase(Device):
     def health(self) -> LineHealth:
         """State of the connection; if it is lost, since when, and the time of the next attempt."""
         if not self._reported_down:
-            return LineHealth(is_up=True, why_down="", down_s=0.0, tries=0, next_try_s=0.0)
+            return LineHealth(is_up=True, down_reason="", down_s=0.0, tries=0, next_try_s=0.0)
         now_ns = self.env.clock.now_ns()
         return LineHealth(
             is_up=False,
-            why_down=(self._link.down_reason if self._link is not None else "") or self._reported_down,
+            down_reason=(self._link.down_reason if self._link is not None else "") or self._reported_down,
             down_s=(now_ns - self._down_ns) / NS_PER_S,
             tries=self._backoff.failures,
             next_try_s=self._backoff.wait_s(to_seconds(now_ns)),
@@ -509,7 +509,7 @@ class MoteBase(Device):
                 self._malformed += 1
                 continue
             self._packets += 1
-            self.heard.notify(ReceivedPacket(message, now_ns))
+            self.received.notify(ReceivedPacket(message, now_ns))
 
     def _report_flood(self, arrived: int, now_ns: int) -> None:
         since_ns = self._guard.since_ns
@@ -530,10 +530,10 @@ class MoteBase(Device):
             reason = f"{self.env.plugin} has flooded for {lasted_s:.0f} s: more than {limit} packets in a second"
             raise PluginError(self.env.plugin, reason)
 
-    def _report_line(self, why_down: str, now_ns: int) -> None:
-        if bool(why_down) != bool(self._reported_down):
-            self._reported_down, self._down_ns = why_down, now_ns
-            self.trouble.notify(Trouble("lost", why_down) if why_down else Trouble("back", "the line is back"))
+    def _report_line(self, down_reason: str, now_ns: int) -> None:
+        if bool(down_reason) != bool(self._reported_down):
+            self._reported_down, self._down_ns = down_reason, now_ns
+            self.trouble.notify(Trouble("lost", down_reason) if down_reason else Trouble("back", "the line is back"))
 
     def _open_link(self) -> PacketLink:
         wanted, backoff = self.parameters, self._backoff

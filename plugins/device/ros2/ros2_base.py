@@ -343,7 +343,7 @@ class Ros2Base(TopicDevice, BaseDevice):
             found.append(f"no odometry: {self.silence_reason()}")
         if not publisher.listeners():
             found.append(f"nothing listens to {wanted.topic(wanted.cmd_vel)}")
-        if rejected := self.why_rejected():
+        if rejected := self.rejection():
             found.append(f"the last odometry that was rejected: {rejected}")
         return "; ".join(found)
 

@@ -180,6 +180,6 @@ class TopicDevice(Device):
         return self._topic.rejected if self._topic is not None else 0
 
     @external
-    def why_rejected(self) -> str:
+    def rejection(self) -> str:
         """Reason for the last rejection; empty if there was none."""
         return self._topic.rejection if self._topic is not None else ""

@@ -85,7 +85,7 @@ class Frames:
         graph: the robot's own part of the pose graph.
         own: the submap that it is making.
         teammates_in: (K, 3) x, y, radius in metres of the teammates that publish their places in a map frame.
-        mates: number of all received teammates.
+        teammates: number of all received teammates.
 
     """
 

@@ -35,7 +35,7 @@ from robrain.protocol.model.ranges import Positive
 logger = logging.getLogger(__name__)
 
 
-class MapView(msgspec.Struct, frozen=True, eq=False):
+class MapCells(msgspec.Struct, frozen=True, eq=False):
     """The map at one moment: (H, W) classes of `OccupancyGrid`, row 0 at the lowest y, arena frame."""
 
     version: int
@@ -53,9 +53,9 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
 
     scans: int
     """Scans put into the map."""
-    scans_left_out: int
+    scans_skipped: int
     """Scans skipped because the robot's place was too uncertain."""
-    why_left_out: str
+    skip_reason: str
     """Reason why scans are skipped now; empty if they are not."""
     patches_dropped: int
     """Patches of others that came faster than they could be merged."""
@@ -70,7 +70,7 @@ class MapperCounters(msgspec.Struct, frozen=True, kw_only=True):
 class MapperInterface(Protocol):
     """The map that the robot and its team have made."""
 
-    def view(self) -> MapView:
+    def view(self) -> MapCells:
         """The map as it is now; do not write to it."""
 
 
@@ -137,7 +137,7 @@ class Mapper(Skill):
         self._frames = Frames(
             self.env.robot, self._atlas, self._graph, self._own, self._robot_places_in, lambda: self._teammates.count()
         )
-        self._view: MapView | None = None
+        self._view: MapCells | None = None
         self._outgoing = MapSender(self.env.robot, geometry)
         self._incoming = MapReceiver(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
@@ -184,11 +184,11 @@ class Mapper(Skill):
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
             self._desk.found.clear()
 
-    def view(self) -> MapView:
+    def view(self) -> MapCells:
         """The map as it is now."""
         grid = self._atlas.grid
         if self._view is None or self._view.version != grid.version:
-            self._view = MapView(grid.version, grid.geometry, grid.classes())
+            self._view = MapCells(grid.version, grid.geometry, grid.classes())
         return self._view
 
     @external
@@ -202,8 +202,8 @@ class Mapper(Skill):
         """Counters of scans and patches."""
         return MapperCounters(
             scans=self._accepted,
-            scans_left_out=self._skipped,
-            why_left_out=self.env.board.map_paused,
+            scans_skipped=self._skipped,
+            skip_reason=self.env.board.map_paused,
             patches_dropped=self._incoming.dropped,
             submaps=len(self._atlas.submaps),
             closures=self._desk.closed,

@@ -31,7 +31,7 @@ TURN_M_PER_RAD = 0.3
 class SubmapSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """When a submap ends, and how far the robot's own map extends."""
 
-    way_m: float = 5.0
+    path_m: float = 5.0
     """Length of the path on which one submap is made, metres; turns count too. Drift on it is less than a cell."""
     margin_m: float = 3.0
     """Metres by which the robot's own map extends beyond the team's grid, because it may be shifted."""
@@ -94,7 +94,7 @@ class OwnSubmaps:
 
     def is_over(self) -> bool:
         """Whether the current submap is complete, or there is none, so that the next must begin."""
-        return self.number is None or self._path_m >= self._spec.way_m
+        return self.number is None or self._path_m >= self._spec.path_m
 
     def begin_submap(self, number: int, T_local_robot: Pose2D, drift: Drift, covariance: Floats) -> None:
         """Begin the next submap.

@@ -53,7 +53,7 @@ class ByHand:
 
         """
         if not is_name(by):
-            raise CallError(ErrorCode.BAD_ARGUMENTS, f"take_hand: {by!r} cannot be a holder's name")
+            raise CallError(ErrorCode.BAD_ARGUMENTS, f"acquire_hand_lease: {by!r} cannot be a holder's name")
         holder = self.holder(now_ns)
         if holder not in ("", by):
             raise CallError(ErrorCode.BUSY, f"{holder} drives the robot by hand")
@@ -78,7 +78,7 @@ class ByHand:
                 self._until_ns = None if self._until_ns is None else now_ns
             return
         if not is_held:
-            reason = "it has lapsed, or somebody else holds it; take it again with take_hand"
+            reason = "it has lapsed, or somebody else holds it; take it again with acquire_hand_lease"
             raise CallError(ErrorCode.REFUSED, f"move: lease {lease} is not held: {reason}")
         self.wanted = wanted
         self._lapses_ns = self._until_ns = now_ns + self._lease_ns

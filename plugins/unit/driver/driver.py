@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
-from robrain.agent.action import Action, ActionDesk
+from robrain.agent.action import Action, Actions
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.algorithms.navigation.clearance import LEAST_MARGIN_M, PREFERRED_MARGIN_M, least_clearance_m, least_gap_m
@@ -191,14 +191,14 @@ class Driver(OnBase):
         self._arcs: Arcs | None = None
         """Of a base that cannot turn on the spot."""
         self._hand = ByHand(limits.hand_lease_s)
-        self._actions = ActionDesk(self.env, self.progress, self.finished)
+        self._actions = Actions(self.env, self.progress, self.finished)
         self._action: Action | None = None
         self._path: Path | None = None
         self._to_turn_rad = 0.0
         self._length = 0.0
         """Of the whole action, in metres or radians."""
         self._last_yaw_rad = 0.0
-        self._motion = Motion.STANDING
+        self._motion = Motion.STOPPED
         self._blocked_since_ns: int | None = None
         self._reason = ""
         self._gap_m: float | None = None
@@ -266,7 +266,7 @@ class Driver(OnBase):
         return self._start_path("drive_path", Path(points, ARRIVED_M))
 
     @external
-    def take_hand(self, by: Name) -> HandLease:
+    def acquire_hand_lease(self, by: Name) -> HandLease:
         """Take the lease for driving by hand: call `move` with its number, every `renew_s`."""
         return self._hand.lease(by, self.env.clock.now_ns())
 
@@ -333,7 +333,7 @@ class Driver(OnBase):
         return self._motion
 
     @external
-    def blocked_why(self) -> str:
+    def blocked_reason(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
         return self._reason if self._motion is Motion.BLOCKED else ""
 
@@ -365,7 +365,7 @@ class Driver(OnBase):
         path.forget_progress()
         if before is not None and path.is_narrow and before.is_narrow:
             path.copy_progress(before, self._moc.pose())
-        if self._motion is Motion.STANDING:
+        if self._motion is Motion.STOPPED:
             self._motion = Motion.DRIVING
             self.env.hurry()
 
@@ -382,7 +382,7 @@ class Driver(OnBase):
         self._action = None
         self._path = None
         self._to_turn_rad = 0.0
-        self._motion = Motion.STANDING
+        self._motion = Motion.STOPPED
         self._blocked_since_ns = None
         self._ramp.stop()
         self._turn.stop()
@@ -390,7 +390,7 @@ class Driver(OnBase):
             self._arcs.stop()
 
     def _stop_moving(self) -> None:
-        if self._path is not None or self._motion is not Motion.STANDING:
+        if self._path is not None or self._motion is not Motion.STOPPED:
             self._moc.stop()
         self._forget()
 

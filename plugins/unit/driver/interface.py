@@ -6,7 +6,7 @@ from typing import Protocol
 
 import msgspec
 
-from robrain.agent.action import ActionDesk
+from robrain.agent.action import Actions
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
 from robrain.plugins.device.mocdevice.interface import Counters, MocDeviceInterface
@@ -18,7 +18,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 class Motion(StrEnum):
     """Present motion of the driver."""
 
-    STANDING = "standing"
+    STOPPED = "stopped"
     DRIVING = "driving"
     BLOCKED = "blocked"
     """Something blocks the path, or the robot cannot see whether it does; the driver waits."""
@@ -77,7 +77,7 @@ class DriverInterface(Protocol):
     def blocked_s(self) -> float:
         """Time for which something has blocked the path; 0 if nothing does."""
 
-    def blocked_why(self) -> str:
+    def blocked_reason(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
 
     def squeezes(self) -> bool:
@@ -112,7 +112,7 @@ class OnBase(Unit):
     """A unit on `mocdevice`; subclasses set `_moc` and `_actions` when they are activated."""
 
     _moc: MocDeviceInterface
-    _actions: ActionDesk
+    _actions: Actions
     _blocked_since_ns: int | None
 
     def _stop_moving(self) -> None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import msgspec
 from rclpy.action import ActionClient
 
-from robrain.agent.action import Action, ActionDesk
+from robrain.agent.action import Action, Actions
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
 from robrain.agent.plugin import external
@@ -214,7 +214,7 @@ class Ros2Navigator(OnBase):
     finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
-        self._actions = ActionDesk(self.env, self.progress, self.finished)
+        self._actions = Actions(self.env, self.progress, self.finished)
         self._link: Ros2Link | None = None
         self._goals: GoalClient | None = None
         self._wanted: NavigationGoal | None = None
@@ -305,11 +305,11 @@ class Ros2Navigator(OnBase):
     def motion(self) -> Motion:
         """Present motion of the driver."""
         if self._wanted is None:
-            return Motion.STANDING
+            return Motion.STOPPED
         return Motion.DRIVING if self._blocked_since_ns is None else Motion.BLOCKED
 
     @external
-    def blocked_why(self) -> str:
+    def blocked_reason(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
         return self._reason if self._blocked_since_ns is not None else ""
 

@@ -21,7 +21,7 @@ class ReceivedMote(msgspec.Struct, frozen=True, kw_only=True):
     """Mean over all received packets; biased towards strong ones where weak ones are lost."""
     stamp_ns: int
     """Time of the last reception."""
-    heard_from: Point2D | None
+    received_at: Point2D | None
     """Place of the robot then, arena frame; None if unknown."""
     readings: int
     """Readings taken in, each sequence number once."""
@@ -65,7 +65,7 @@ class SnwInterface(Protocol):
 
     measured: Event[RssiMeasurement]
 
-    def heard(self) -> list[ReceivedMote]: ...
+    def motes(self) -> list[ReceivedMote]: ...
 
     def robots(self) -> list[ReceivedRobot]: ...
 

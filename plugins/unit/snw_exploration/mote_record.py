@@ -278,7 +278,7 @@ class MoteRecord:
             rssi_dbm=self.latest.rssi_dbm,
             mean_rssi_dbm=self._rssi_sum_dbm / self._packets,
             stamp_ns=self.stamp_ns,
-            heard_from=self._received_from,
+            received_at=self._received_from,
             readings=self.readings,
             missing=self.window.missing,
             period_s=self.latest.period_ds / DECI,

@@ -100,7 +100,7 @@ class BaseLinks:
         link.packets += 1
         link.sum_dbm += beacon.rssi_dbm
 
-    def heard(self) -> list[ReceivedRobot]:
+    def received(self) -> list[ReceivedRobot]:
         """The received robots, by name."""
         return [
             ReceivedRobot(
@@ -217,7 +217,7 @@ class SNwExploration(Unit):
     def activate(self) -> None:
         self._inbox = Inbox()
         self._base = self.env.use("mote_base", MoteBaseInterface)
-        self.env.observe(self._base.heard, self._handle)
+        self.env.observe(self._base.received, self._handle)
         self.env.wire.subscribe(self._inbox, MOTE_READING)
         self.env.wire.subscribe(self._inbox, MOTE_DUTY)
         self._alive = self.env.wire.watch(ROBOT_ALIVE)
@@ -240,7 +240,7 @@ class SNwExploration(Unit):
             record.publisher = None  # it ends with the plugin's place on the wire
 
     @external
-    def heard(self) -> list[ReceivedMote]:
+    def motes(self) -> list[ReceivedMote]:
         """The motes that this robot has received, by number."""
         rows = (self._records[number].as_received() for number in sorted(self._records))
         return [row for row in rows if row is not None]
@@ -248,7 +248,7 @@ class SNwExploration(Unit):
     @external
     def robots(self) -> list[ReceivedRobot]:
         """The robots whose base stations this robot has received, by name."""
-        return self._links.heard()
+        return self._links.received()
 
     @external
     def request_stored(self, mote: str) -> None:

@@ -12,7 +12,7 @@ from robrain.protocol.model.ranges import Count, Name, Names, Seconds, Text
 from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
 
 
-class Event(Message, frozen=True, kw_only=True):
+class PluginEvent(Message, frozen=True, kw_only=True):
     """A notification that left its robot."""
 
     robot: Name
@@ -131,7 +131,7 @@ ROBOT_CALL = Query(
     "holder of an exclusive plugin names itself with `?by=NAME` behind the key", bytes, bytes,
     urgency=Urgency.INTERACTIVE_HIGH, errors=PLUGIN_ERRORS)  # fmt: skip
 ROBOT_EVENT = Topic(
-    "robot/{robot}/event/{plugin}/{event}", "Events that the robot publishes", Event, delivery=Delivery.LOSSLESS,
+    "robot/{robot}/event/{plugin}/{event}", "Events that the robot publishes", PluginEvent, delivery=Delivery.LOSSLESS,
     cache=256, urgency=Urgency.INTERACTIVE_HIGH, recorded=True)  # fmt: skip
 ROBOT_LOG = Topic(
     "robot/{robot}/log", "Log records", LogRecord, urgency=Urgency.DATA_LOW, recorded=True,

@@ -33,7 +33,7 @@ class WitnessWish(StrEnum):
 class WitnessRefusal(StrEnum):
     """Why a witness refuses."""
 
-    LEADER_SEEN = "leader_heard"
+    LEADER_SEEN = "leader_seen"
     """It has received or elected another coordinator within the last 2 s."""
     OUTVOTED = "outvoted"
     """It has voted in this election for another coordinator, or in a later one."""

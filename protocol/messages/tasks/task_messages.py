@@ -187,7 +187,7 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
                    distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
 
 
-class TaskWhy(msgspec.Struct, frozen=True, kw_only=True):
+class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """Why a task stands as it does."""
 
     record: TaskRecord
@@ -252,4 +252,4 @@ TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "Cancel a task: rep
 TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Records of tasks", reads_only=True)
 TASK_GET = _task_query("get", TaskRequest, TaskRecord, "Record of one task", reads_only=True)
 TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Kinds of tasks that the robots offer", reads_only=True)
-TASK_WHY = _task_query("why", TaskRequest, TaskWhy, "Reason of a task's state", reads_only=True)
+TASK_EXPLAIN = _task_query("explain", TaskRequest, TaskExplanation, "Reason of a task's state", reads_only=True)

@@ -13,7 +13,7 @@ from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
-from robrain.protocol.reasons import IdleReason, MinorityHeard, TopicStale, Unavailable, sentence_of
+from robrain.protocol.reasons import IdleReason, MinorityReached, TopicStale, Unavailable, sentence_of
 from robrain.protocol.refusals import Refused
 from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
 
@@ -101,7 +101,7 @@ class StandByStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Changes of the journal that are not on its disk."""
     why: Text = ""
     """Why it is not in step, in words."""
-    held_back: MinorityHeard | None = None
+    held_back: MinorityReached | None = None
     """Why no task is offered; None if tasks are."""
 
     @property

@@ -49,12 +49,18 @@ RENAMED = {
     "took_s": "duration_s",
     "way_m": "path_length_m",
     "way_ratio": "path_ratio",
+    "ways_cm": "paths_cm",
+    "ways_deltas": "path_deltas",
     "why_not": "refusal",
 }
 """Fields of messages by their former name. No message has one of the former names today."""
+RENAMED_CODES = {"minority_heard": "minority_reached", "not_heard": "no_state", "stood_still": "process_paused"}
+"""Codes of reasons by their former name."""
 FREE = frozenset(("parameters", "result", "returns", "value"))
 """Fields of free JSON, whose contents are not those of messages."""
-_OLD = re.compile(rb'"task":\{"type":|"code":"(?:%s)"|"(?:%s)":' % (_CODES.encode(), "|".join(RENAMED).encode()))
+_OLD = re.compile(
+    f'"task":\\{{"type":|"code":"(?:{_CODES}|{"|".join(RENAMED_CODES)})"|"(?:{"|".join(RENAMED)})":'.encode()
+)
 REFUSED = "refused"
 """Field of states with counts of refused messages, whose codes are no reasons."""
 WITHIN = ("because", "before")
@@ -88,6 +94,8 @@ def upgraded(value: Any, sentence: str = "") -> Any:
     for name, part in content.items():
         if name == "task":
             content[name] = _upgraded_task(upgraded(part))
+        elif name == "code" and isinstance(part, str):
+            content[name] = RENAMED_CODES.get(part, part)
         elif name not in FREE and name != REFUSED:
             content[name] = upgraded(part, "" if name in WITHIN else text)
     return _upgraded_reason(content, sentence) if content.get("code") in PLAIN_REASONS else content
@@ -107,7 +115,7 @@ def _upgraded_task(task: Any) -> Any:
 
 
 def _upgraded_reason(reason: dict[str, Any], sentence: str) -> dict[str, Any]:
-    """A reason that no decision uses, which had a code and fields of its own."""
+    """A reason that no decision uses, in its former form with a code and fields."""
     code = reason["code"]
     values = {name: part for name, part in reason.items() if name != "code" and isinstance(part, str | int | float)}
     plain = {"code": "said", "text": sentence or str(code).replace("_", " "), "kind": code}

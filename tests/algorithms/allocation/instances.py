@@ -49,9 +49,9 @@ def team_problem(
     chargers = chargers or max(2, robots // 10)
     side_m = area_m or 6.0 * math.sqrt(tasks)
     places_m = rng.uniform(0, side_m, (tasks + robots + chargers, 2))
-    ways_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
-    energy_j = np.stack([ways_m * power / speed for speed, power in zip(SPEEDS_M_S, POWERS_W, strict=True)])
-    time_s = np.stack([ways_m / speed for speed in SPEEDS_M_S])
+    paths_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
+    energy_j = np.stack([paths_m * power / speed for speed, power in zip(SPEEDS_M_S, POWERS_W, strict=True)])
+    time_s = np.stack([paths_m / speed for speed in SPEEDS_M_S])
     leg_m = 0.7 * side_m / math.sqrt(max(tasks, 1))
     ends = tuple(range(tasks + robots, tasks + robots + chargers))
     share = tasks / max(robots, 1)
@@ -59,7 +59,7 @@ def team_problem(
     for index in range(robots):
         profile = index % 4
         j_per_m = POWERS_W[profile] / SPEEDS_M_S[profile]
-        home_m = float(ways_m[tasks + index, ends].min())
+        home_m = float(paths_m[tasks + index, ends].min())
         plenty_j = 1e3 * side_m * j_per_m
         usable_j = (
             plenty_j

@@ -16,7 +16,7 @@ class Robot:
         self.consumption = Consumption(PowerPrior(), 0.001, 0.03)
         self.rng = np.random.default_rng(1)
         self.noise_w = noise_w
-        self.standing_w = TRUE[0]
+        self.idle_w = TRUE[0]
         self.stamp_ns = 0
         self.energy_j = 0.0
         self.speed_m_s = 0.0
@@ -29,7 +29,7 @@ class Robot:
             mean_m_s = 0.5 * (speed_m_s + self.speed_m_s)
             self.speed_m_s = speed_m_s
             moving = mean_m_s > 0 or yaw_rad_s > 0
-            power_w = self.standing_w + TRUE[1] * moving + TRUE[2] * mean_m_s + TRUE[3] * yaw_rad_s
+            power_w = self.idle_w + TRUE[1] * moving + TRUE[2] * mean_m_s + TRUE[3] * yaw_rad_s
             self.energy_j += power_w * 0.2 + TRUE[4] * gained + self.rng.normal(0.0, self.noise_w) * 0.2
             self.stamp_ns += NS // 5
             self.consumption.move(self.stamp_ns, speed_m_s, yaw_rad_s)
@@ -60,7 +60,7 @@ def test_what_things_cost_is_learned_from_what_they_did_cost():
 def test_a_computer_that_takes_more_from_now_on_is_followed():
     robot = Robot()
     robot.live(10)
-    robot.standing_w = 14.0
+    robot.idle_w = 14.0
     robot.live(20)
     assert robot.consumption.model(0.0).coefficients[0] == pytest.approx(14.0, abs=1.0)
 

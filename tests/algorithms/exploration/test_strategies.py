@@ -37,14 +37,14 @@ __all__ = ["install"]
 
 A, B, C = (FrontierCandidate(Point2D(float(x_m), 0.0), 1.0, 1.0) for x_m in (1, 5, 9))
 R1, R2 = Seeker("r1", Point2D(0.0, 0.0)), Seeker("r2", Point2D(2.0, 0.0))
-WAYS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
+PATHS_M = np.array([[1.0, 5.0, 9.0], [1.0, 3.0, math.inf]])
 STOCK = {AUTO: auto, NEAREST: nearest, MINPOS: minpos, BURGARD: burgard, JOINT: joint, TOURS: tours, ROOMS: rooms}
 
 
-def on_a_line(candidates, seekers, busy=(), ways_m=None) -> Situation:
+def on_a_line(candidates, seekers, busy=(), paths_m=None) -> Situation:
     """Paths are along x, unless (robots, frontiers) path costs are given."""
     xs_m = np.array([candidate.place.x_m for candidate in candidates])
-    rows = {} if ways_m is None else {seeker.place: row for seeker, row in zip(seekers, ways_m, strict=True)}
+    rows = {} if paths_m is None else {seeker.place: row for seeker, row in zip(seekers, paths_m, strict=True)}
     return Situation(candidates, seekers, busy, lambda place: rows.get(place, np.abs(xs_m - place.x_m)))
 
 
@@ -53,16 +53,16 @@ def goals(choices) -> dict[str, Point2D]:
 
 
 def test_the_nearest_frontier_goes_to_the_first_robot_that_it_is_nearest_to() -> None:
-    made = nearest(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M))
+    made = nearest(on_a_line([A, B, C], [R1, R2], paths_m=PATHS_M))
     assert goals(made) == {"r1": A.place, "r2": B.place}
-    assert [choice.way_m for choice in made] == [1.0, 3.0]
+    assert [choice.path_m for choice in made] == [1.0, 3.0]
 
 
 def test_the_nearest_frontier_is_none_that_is_taken_or_shunned_or_out_of_reach() -> None:
     assert goals(nearest(on_a_line([A, B, C], [R1], [Busy(A.place, A.place)]))) == {"r1": B.place}
     shy = R1._replace(avoided=(A.place,))
     assert goals(nearest(on_a_line([A, B, C], [shy]))) == {"r1": B.place}
-    assert nearest(on_a_line([A, B, C], [R1], ways_m=np.full((1, 3), math.inf))) == []
+    assert nearest(on_a_line([A, B, C], [R1], paths_m=np.full((1, 3), math.inf))) == []
 
 
 def test_minpos_sends_a_robot_where_fewer_are_nearer_though_it_is_farther() -> None:
@@ -96,9 +96,9 @@ def test_no_stock_strategy_gives_two_robots_a_frontier_or_one_without_a_path(
     ways: list[list[float]], name: str
 ) -> None:
     seekers = [Seeker(f"r{row}", Point2D(0.0, float(row))) for row in range(len(ways))]
-    made = STOCK[name](on_a_line([A, B, C], seekers, ways_m=np.array(ways)))
+    made = STOCK[name](on_a_line([A, B, C], seekers, paths_m=np.array(ways)))
     assert len({choice.place for choice in made}) == len({choice.robot for choice in made}) == len(made)
-    assert all(math.isfinite(choice.way_m) for choice in made)
+    assert all(math.isfinite(choice.path_m) for choice in made)
 
 
 @pytest.mark.parametrize("name", sorted(STOCK))
@@ -110,7 +110,7 @@ def test_a_stock_strategy_chooses_nothing_without_frontiers_or_robots(name: str)
 def test_the_goal_that_a_robot_has_counts_as_nearer() -> None:
     bound = Seeker("r1", Point2D(0.0, 0.0), goal=Point2D(5.3, 0.0))
     situation = on_a_line([A, B, C], [bound])
-    assert situation.ways_m.tolist() == [[1.0, 5.0 - KEEP_M, 9.0]]
+    assert situation.paths_m.tolist() == [[1.0, 5.0 - KEEP_M, 9.0]]
     assert situation.column_of(Point2D(7.0, 0.0)) is None
     assert on_a_line([], [bound]).column_of(Point2D(5.0, 0.0)) is None
 
@@ -168,8 +168,8 @@ def test_what_a_foreign_strategy_may_not_choose_is_told_and_the_stock_one_stands
     monkeypatch.setitem(STRATEGIES._loaded, "odd", lambda _situation: made)
     told: list[str] = []
     strategy = strategy_of("odd", lambda _name, why: told.append(why))
-    assert strategy(on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M)) == joint(
-        on_a_line([A, B, C], [R1, R2], ways_m=WAYS_M)
+    assert strategy(on_a_line([A, B, C], [R1, R2], paths_m=PATHS_M)) == joint(
+        on_a_line([A, B, C], [R1, R2], paths_m=PATHS_M)
     )
     assert len(told) == 1
     assert said in told[0]

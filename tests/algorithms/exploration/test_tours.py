@@ -96,23 +96,23 @@ def problems(draw):
     robots, places = draw(st.integers(1, 3)), draw(st.integers(1, 7))
     coordinate = st.integers(0, 20)
     at = np.array([[draw(coordinate), draw(coordinate)] for _ in range(robots + places)], np.float64)
-    ways_m = np.hypot(*(at[:, None, :] - at[None, :, :]).transpose(2, 0, 1))
-    first_m = ways_m[:robots, robots:].copy()
+    paths_m = np.hypot(*(at[:, None, :] - at[None, :, :]).transpose(2, 0, 1))
+    first_m = paths_m[:robots, robots:].copy()
     for robot in range(robots):
         for place in range(places):
             if draw(st.integers(0, 5)) == 0:
                 first_m[robot, place] = math.inf
     weights, stays_m = np.array([[draw(st.integers(1, 12)) for _ in range(places)] for _ in range(2)], np.float64)
-    return first_m, ways_m[robots:, robots:], weights, stays_m
+    return first_m, paths_m[robots:, robots:], weights, stays_m
 
 
 def cost(problem, robot, tour):
     first_m, between_m, weights, stays_m = problem
-    way_m = total = 0.0
+    path_m = total = 0.0
     for index, place in enumerate(tour):
-        way_m += first_m[robot, place] if index == 0 else between_m[tour[index - 1], place]
-        total += weights[place] * way_m * FAR_M / (way_m + FAR_M)
-        way_m += stays_m[place]
+        path_m += first_m[robot, place] if index == 0 else between_m[tour[index - 1], place]
+        total += weights[place] * path_m * FAR_M / (path_m + FAR_M)
+        path_m += stays_m[place]
     return total
 
 

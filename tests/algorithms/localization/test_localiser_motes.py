@@ -165,7 +165,7 @@ def test_signals_are_seen_from_where_the_corrected_odometry_puts_the_robot(monke
     scale, curve, turn = robot.filter.biases
     assert scale == pytest.approx(0.03, abs=0.005)
     assert curve + turn == pytest.approx(0.03, abs=0.005), "which of the two it is cannot be told on one circle"
-    way_m = robot.driven_m
+    path_m = robot.driven_m
     ahead, aside, turned = Twist2D(0.4, 0.0, 0.0), Twist2D(0.0, 0.4, 0.0), Twist2D(0.0, 0.0, 0.5)
     steps = [ahead, aside, turned] * 8
     for number, step in enumerate(steps):
@@ -173,7 +173,7 @@ def test_signals_are_seen_from_where_the_corrected_odometry_puts_the_robot(monke
         robot.move(step)
     robot.receive(RssiSample("m0", MOTES[0], -70.0))
     turned_rad = 0.5 * (1.0 + turn)
-    assert robot.driven_m - way_m == pytest.approx(8 * (0.8 + 0.3 * (turned_rad + 0.4 * curve)), rel=1e-3)
+    assert robot.driven_m - path_m == pytest.approx(8 * (0.8 + 0.3 * (turned_rad + 0.4 * curve)), rel=1e-3)
     (signals,) = seen
     places = signals.places[-25:] if len(signals.places) > 24 else signals.places
     gaps_m = np.hypot(*np.diff(places, axis=0).T)

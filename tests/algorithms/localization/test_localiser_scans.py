@@ -94,10 +94,10 @@ def test_after_a_match_nobody_is_surer_than_the_floor():
     assert 0.002 < yaw < 0.005
 
 
-@pytest.mark.parametrize(("way_m", "is_matched"), [(0.0199, False), (0.0201, True)])
-def test_a_sure_robot_is_matched_after_two_centimetres(way_m, is_matched):
+@pytest.mark.parametrize(("path_m", "is_matched"), [(0.0199, False), (0.0201, True)])
+def test_a_sure_robot_is_matched_after_two_centimetres(path_m, is_matched):
     localiser = located(sigma_m=0.04, sigma_rad=0.01)
-    localiser.move(Twist2D(way_m, 0.0, 0.0))
+    localiser.move(Twist2D(path_m, 0.0, 0.0))
     true = beside(localiser.pose, 0.01)
     before = localiser.pose
     for _ in range(2):
@@ -114,7 +114,7 @@ def test_an_unsure_robot_is_matched_though_it_stands(sigma_m, is_matched):
 
 
 @pytest.mark.parametrize(
-    ("steps", "way_m"),
+    ("steps", "path_m"),
     [
         ([Twist2D(0.3, 0.4, 0.0)], 0.5),
         ([Twist2D(0.0, 0.0, 1.0)], 0.3),
@@ -122,11 +122,11 @@ def test_an_unsure_robot_is_matched_though_it_stands(sigma_m, is_matched):
         ([FORWARD] * 4, 0.2),
     ],
 )
-def test_way_is_that_of_the_wheels_and_turns_count_too(steps, way_m):
+def test_way_is_that_of_the_wheels_and_turns_count_too(steps, path_m):
     localiser = located()
     for step in steps:
         localiser.move(step)
-    assert localiser.driven_m == pytest.approx(way_m)
+    assert localiser.driven_m == pytest.approx(path_m)
 
 
 @pytest.mark.parametrize(("step_m", "counted_m"), [(0.2, 0.2), (1.0, 1.0), (3.0, 1.0)])

@@ -65,13 +65,13 @@ def test_a_prediction_is_that_of_the_motion_linearised(
             for unit in np.eye(SIZE)
         ]
     )
-    way_m = math.hypot(forward_m, left_m)
-    keep = math.exp(-way_m / DECORRELATION_M)
+    path_m = math.hypot(forward_m, left_m)
+    keep = math.exp(-path_m / DECORRELATION_M)
     noise = np.diag(
         (
-            *(WALKS[0] * way_m,) * 2,
-            WALKS[1] * way_m + WALKS[2] * abs(turn_rad),
-            *(WALKS[3:] * way_m),
+            *(WALKS[0] * path_m,) * 2,
+            WALKS[1] * path_m + WALKS[2] * abs(turn_rad),
+            *(WALKS[3:] * path_m),
             *((1.0 - keep**2) * SHADOW_DB2,) * 2,
         )
     )

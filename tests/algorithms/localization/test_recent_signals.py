@@ -25,11 +25,11 @@ def full(records, motes):
 
 
 @pytest.mark.parametrize(
-    ("records", "motes", "way_m", "is_enough"),
+    ("records", "motes", "path_m", "is_enough"),
     [(24, 4, 2.01, True), (23, 4, 2.01, False), (24, 3, 2.01, False), (24, 4, 2.0, False), (64, 9, 50.0, True)],
 )
-def test_a_robot_can_be_looked_for_after_24_signals_of_four_motes_over_two_metres(records, motes, way_m, is_enough):
-    assert full(records, motes).can_find(way_m) is is_enough
+def test_a_robot_can_be_looked_for_after_24_signals_of_four_motes_over_two_metres(records, motes, path_m, is_enough):
+    assert full(records, motes).can_find(path_m) is is_enough
 
 
 def test_memory_is_bounded_and_the_latest_count():

@@ -105,8 +105,8 @@ def test_beam_is_thrown_back_once_and_a_second_mirror_is_a_wall(yaw_rad, mirror_
     for edge in (surfaces[0, :], surfaces[-1, :], surfaces[:, 0], surfaces[:, -1]):
         edge[:] = MIRRORS
     sensor = Pose2D(SENSOR.x_m, SENSOR.y_m, yaw_rad)
-    way_m = mirror_m + across_m
-    assert cast(surfaces, 0.0, 0.05, sensor=sensor) == pytest.approx([way_m, way_m / math.cos(0.05)])
+    path_m = mirror_m + across_m
+    assert cast(surfaces, 0.0, 0.05, sensor=sensor) == pytest.approx([path_m, path_m / math.cos(0.05)])
 
 
 def test_beam_off_a_mirror_has_the_length_of_its_whole_way():

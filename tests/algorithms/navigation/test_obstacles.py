@@ -35,10 +35,10 @@ def test_a_disc_stops_where_it_touches_a_point(point, distance_m):
 
 @given(POINTS, COORDINATES, COORDINATES, st.floats(-4, 4))
 def test_a_disc_that_goes_so_far_touches_and_holds_no_point_in_its_way(points_m, x_m, y_m, heading_rad):
-    way_m = contact_distance_m(points_m, x_m, y_m, heading_rad, 0.2)
-    if math.isinf(way_m):
+    path_m = contact_distance_m(points_m, x_m, y_m, heading_rad, 0.2)
+    if math.isinf(path_m):
         return
-    there = np.array([[x_m + way_m * math.cos(heading_rad)], [y_m + way_m * math.sin(heading_rad)]])
+    there = np.array([[x_m + path_m * math.cos(heading_rad)], [y_m + path_m * math.sin(heading_rad)]])
     assert np.hypot(*(points_m - there)).min() < 0.2 + 1e-6
 
 

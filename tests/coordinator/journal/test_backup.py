@@ -178,7 +178,7 @@ def test_restored_journal_is_as_it_was_and_what_was_there_is_kept(path, tmp_path
         journal.change(msgspec.structs.replace(before[0], state=TaskState.DONE))
     done = restore_backup(backup, path)
     assert (done.contents.tasks, done.contents.open) == (5, 5)
-    assert "were put aside as" in done.told[0]
+    assert "were put aside as" in done.report[0]
     with closing(Journal(path)) as journal:
         assert journal.select(ALL) == before
         assert journal.asked("t0") == b"{}"
@@ -223,7 +223,7 @@ def test_restore_over_a_damaged_journal_puts_it_aside(path, tmp_path) -> None:
     backup = backed_up(path, tmp_path / "one.backup")
     path.write_bytes(b"no database at all" * 500)
     done = restore_backup(backup, path)
-    assert "was damaged" in done.told[0]
+    assert "was damaged" in done.report[0]
     assert path.with_name(f"{path.name}.damaged-1").exists()
     assert len(ids(path)) == 5
 

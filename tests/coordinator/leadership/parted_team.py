@@ -1,6 +1,6 @@
 """A team some of whose robots are out of the coordinator's reach."""
 
-from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from tests.coordinator.conftest import Team
@@ -28,4 +28,4 @@ class PartedTeam(Team):
         return [offer.task.id for robot in self.robots for offer in robot.offers]
 
     def why_waiting(self, task_id: str) -> object:
-        return self.ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy).reason
+        return self.ask(TASK_EXPLAIN, TaskRequest(id=task_id), TaskExplanation).reason

@@ -15,7 +15,7 @@ from robrain.protocol.messages.team.standing_messages import COORDINATOR_LEAD, K
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import MinorityHeard
+from robrain.protocol.reasons import MinorityReached
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.leadership.parted_team import PartedTeam
 
@@ -69,10 +69,10 @@ def test_nothing_is_offered_while_more_than_half_are_out_of_reach(four: RobotsTh
     four.queue("t1")
     four.run(300.0)
     assert four.asked() == []
-    reason = MinorityHeard(1, 4)
+    reason = MinorityReached(1, 4)
     assert four.why_waiting("t1") == reason
     assert four.summary.stand_by.words == (
-        "no task is offered: 1 of 4 robots are heard, and the others may allocate tasks among themselves (robrain lead)"
+        "no task is offered: 1 of 4 robots are reached; the others may allocate tasks among themselves (robrain lead)"
     )
 
 
@@ -142,7 +142,7 @@ def test_robots_whose_tokens_go_after_a_silence_are_behind_a_cut(four: RobotsTha
     for robot in four.robots[1:]:
         robot.leave()
     four.run(2.0)
-    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
+    assert four.coordinator.part(Leadership).held_back == MinorityReached(1, 4)
 
 
 def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four: RobotsThatGoOn) -> None:
@@ -153,7 +153,7 @@ def test_all_tokens_at_once_go_with_the_connection_and_not_with_the_robots(four:
     four.robots[0].come()
     four.robots[0].speaks = True
     four.run(1.0)
-    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
+    assert four.coordinator.part(Leadership).held_back == MinorityReached(1, 4)
 
 
 @pytest.mark.slow
@@ -168,9 +168,9 @@ def test_robots_count_for_a_while_and_for_longer_while_offers_are_held_back(
     assert four.coordinator.part(Leadership).held_back is None, "two of three"
     four.part("r2", "r3", "r4")
     four.run(3.0)
-    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 3)
+    assert four.coordinator.part(Leadership).held_back == MinorityReached(1, 3)
     four.run(65.0)
-    assert four.coordinator.part(Leadership).held_back == MinorityHeard(1, 3)
+    assert four.coordinator.part(Leadership).held_back == MinorityReached(1, 3)
 
 
 def test_the_operator_may_say_that_the_others_do_nothing(four: RobotsThatGoOn) -> None:
@@ -195,7 +195,7 @@ def test_a_restarted_coordinator_knows_which_robots_may_be_out_of_reach(tmp_path
         team.queue("t1")
         team.run(3.0)
         assert team.asked() == []
-        assert team.coordinator.part(Leadership).held_back == MinorityHeard(1, 4)
+        assert team.coordinator.part(Leadership).held_back == MinorityReached(1, 4)
         assert team.ask(COORDINATOR_LEAD, LeadRequest(by="ann"), LeadReply).skipped == ["r2", "r3", "r4"]
         team.run(2.0)
         assert team.asked() == ["t1"]
@@ -241,7 +241,7 @@ def test_what_was_given_to_a_robot_after_the_cut_is_taken_back(four: RobotsThatG
     four.run(2.0)
     assert four.coordinator.tasks.find("t1").robot == holder
     taken = four.coordinator.tasks.find("t2")
-    assert (taken.state, taken.robot, taken.reason) == (TaskState.QUEUED, "", MinorityHeard(1, 4))
+    assert (taken.state, taken.robot, taken.reason) == (TaskState.QUEUED, "", MinorityReached(1, 4))
     assert [one.id for other in four.robots for one in other.withdrawals] == ["t2"]
 
 

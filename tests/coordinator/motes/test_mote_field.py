@@ -6,7 +6,7 @@ import pytest
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
-from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskFilter, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.motes.test_motes import Field
@@ -56,7 +56,7 @@ def test_robot_is_sent_to_collect_when_a_mote_s_data_are_old_and_not_before(fiel
     (record,) = made(field, "collect")
     assert (record.by, record.robot, record.task.place) == ("mote field", "r1", NEAR)
     assert record.task.parameters["mote"] == "m1"
-    why = field.team.ask(TASK_WHY, TaskRequest(id=record.task.id), TaskWhy)
+    why = field.team.ask(TASK_EXPLAIN, TaskRequest(id=record.task.id), TaskExplanation)
     assert why.changes[0].reason.code == "data_old"
     assert why.changes[0].reason.values["age_s"] >= 20.0
     assert why.changes[0].why == f"the newest reading of m1 is {why.changes[0].reason.values['age_s']:.0f} s old"
@@ -146,7 +146,7 @@ def test_mote_at_which_robots_were_in_vain_is_dead_until_it_is_heard(field) -> N
 
 
 def test_robot_stands_in_before_the_cells_are_empty(field) -> None:
-    keep(field, MoteFieldPolicy(stand_ins=1, replace_before_s=30.0, stand_in_s=50.0))
+    keep(field, MoteFieldPolicy(replacements=1, replace_before_s=30.0, replacement_s=50.0))
     mote = field.mote()
     for _ in range(20):
         mote.voltage_v -= 0.02  # 1 V takes 200 s: at 2.6 V there are 100 s left
@@ -162,11 +162,11 @@ def test_robot_stands_in_before_the_cells_are_empty(field) -> None:
 
 
 def field_reason(field, record):
-    return field.team.ask(TASK_WHY, TaskRequest(id=record.task.id), TaskWhy).changes[0].reason
+    return field.team.ask(TASK_EXPLAIN, TaskRequest(id=record.task.id), TaskExplanation).changes[0].reason
 
 
 def test_no_more_robots_stand_in_than_allowed_and_none_where_another_mote_tells_of_the_floor(field) -> None:
-    keep(field, MoteFieldPolicy(stand_ins=1, sensing_m=1.0))
+    keep(field, MoteFieldPolicy(replacements=1, sensing_m=1.0))
     field.robot.accepts = False
     dying = [field.mote(name, place, voltage_v=2.11) for name, place in (("m1", NEAR), ("m2", FAR), ("m4", WEST))]
     field.mote("m3", NEAR)

@@ -19,7 +19,13 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_GET, TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_EXPLAIN,
+    TASK_GET,
+    TaskExplanation,
+    TaskRequest,
+)
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.conftest import TICK_S
@@ -99,7 +105,7 @@ class Field:
         return self.team.ask(TASK_GET, TaskRequest(id=task_id))
 
     def verdicts(self, task_id):
-        return {one.robot: one for one in self.team.ask(TASK_WHY, TaskRequest(id=task_id), TaskWhy).robots}
+        return {one.robot: one for one in self.team.ask(TASK_EXPLAIN, TaskRequest(id=task_id), TaskExplanation).robots}
 
 
 @pytest.fixture

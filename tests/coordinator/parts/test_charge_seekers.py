@@ -51,12 +51,12 @@ class World:
     def seeker(self, *, below=0.35, is_paused=False):
         return self.watch.seeker(self.robot, None, below, is_paused, 0)
 
-    def ways_m(self) -> dict[Point2D, float]:
+    def paths_m(self) -> dict[Point2D, float]:
         return {way.charger: way[1] / S_PER_M for way in self.seeker().paths}
 
 
 def test_a_way_that_no_plan_knows_is_taken_to_be_a_detour():
-    assert World().ways_m() == pytest.approx({NEAR: DETOUR * 5.0, FAR: DETOUR * 10.0})
+    assert World().paths_m() == pytest.approx({NEAR: DETOUR * 5.0, FAR: DETOUR * 10.0})
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_a_way_that_no_plan_knows_is_taken_to_be_a_detour():
 def test_as_long_as_a_robot_stands_still_the_last_plan_knows_the_ways(away_m, near_m):
     world = World()
     world.known = ChargerDistances(Point2D(HERE.x_m - away_m, HERE.y_m), ((NEAR, 7.0),))
-    assert world.ways_m() == pytest.approx({NEAR: near_m, FAR: DETOUR * 10.0})
+    assert world.paths_m() == pytest.approx({NEAR: near_m, FAR: DETOUR * 10.0})
 
 
 def test_to_a_charger_without_a_way_no_robot_goes():
     world = World()
     world.known = ChargerDistances(HERE, ((NEAR, float("inf")), (FAR, 30.0)))
-    assert world.ways_m() == pytest.approx({FAR: 30.0})
+    assert world.paths_m() == pytest.approx({FAR: 30.0})
 
 
 def test_only_chargers_that_are_reached_with_the_reserve_count_or_else_the_nearest():
@@ -79,17 +79,17 @@ def test_only_chargers_that_are_reached_with_the_reserve_count_or_else_the_neare
     j_per_m = J_PER_M + STANDING_W / PACE_M_S
     spare_j = 0.1 * CAPACITY_J + 1.3 * j_per_m * DETOUR * 5.0
     world.change(energy=model(spare_j))
-    assert set(world.ways_m()) == {NEAR}
+    assert set(world.paths_m()) == {NEAR}
     world.change(energy=model(0.0))
-    assert set(world.ways_m()) == {NEAR}
+    assert set(world.paths_m()) == {NEAR}
     world.change(energy=None)
-    assert set(world.ways_m()) == {NEAR, FAR}
+    assert set(world.paths_m()) == {NEAR, FAR}
 
 
 def test_who_is_bound_for_a_charger_already_may_be_sent_to_any():
     world = World()
     world.change(energy=model(0.0), behavior="recharge")
-    assert set(world.ways_m()) == {NEAR, FAR}
+    assert set(world.paths_m()) == {NEAR, FAR}
 
 
 def test_only_who_has_little_left_is_to_charge():

@@ -15,7 +15,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
@@ -99,7 +99,7 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     assert run(team, [worker], 20.0, until=lambda: worker.at_charger is not None)
     run(team, [worker], 1.0)
     assert team.coordinator.planning.left_out == {}
-    why = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    why = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert why.now.startswith("queued: r1 is to begin it in ")
     assert "when it has charged to 35%" in why.now  # enough for the task; nothing waits for a full battery
     assert why.record.why.startswith("waits until r1 has charged to 35%, in about ")
@@ -108,7 +108,7 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     assert run(team, [worker], 120.0, until=all_done(team))
     problems = [received.message for received in ears.drain()]
     assert all(plan_again(one) == one.routes for one in problems)
-    waited = [change.why for change in team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).changes]
+    waited = [change.why for change in team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation).changes]
     levels = [why.split(",")[0] for why in waited if why.startswith("waits until r1 has charged")]
     # Told once for each level: before it stands at the charger it is to charge whole.
     assert levels == ["waits until r1 has charged to 95%", "waits until r1 has charged to 35%"]
@@ -139,7 +139,7 @@ def test_what_somebody_free_can_do_does_not_wait_for_one_that_charges_though_tha
     team.submit(visit("beside-r1", 3.8, 2.6))
     run(team, [low, fresh], 0.5)
     assert fresh.robot.offers[-1].task.id == "beside-r1"
-    why = team.ask(TASK_WHY, TaskRequest(id="beside-r1"), TaskWhy)
+    why = team.ask(TASK_EXPLAIN, TaskRequest(id="beside-r1"), TaskExplanation)
     assert {one.robot: one.chosen for one in why.robots} == {"r1": False, "r2": True}
 
 

@@ -9,7 +9,7 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import MinorityHeard, plain
+from robrain.protocol.reasons import MinorityReached, plain
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 from tests.plain_reason import Plain
 
@@ -57,7 +57,7 @@ def test_robots_gather_around_the_place_and_begin_when_all_are_there(team, crew)
 
 
 def test_they_do_not_begin_while_another_coordinator_may_lead(team, crew):
-    held_back = MinorityHeard(1, 3)
+    held_back = MinorityReached(1, 3)
     team.submit(together())
     run(team, crew, 60.0, until=lambda: len(at_it(crew)) == 2)
     team.coordinator.lifecycle.eligibility.offer_refusal = lambda: held_back

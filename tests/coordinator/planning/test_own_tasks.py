@@ -18,14 +18,14 @@ EXPLORE = Task(id="explore-1", kind="explore", place=Point2D(4.0, 6.0))
 RECHARGE = Task(id="recharge-1", kind="recharge", place=Point2D(4.0, 6.0), parameters={"until_soc": 0.95})
 
 
-def takes(way_m: float, wait_s: float = 0.0) -> tuple[float, float]:
+def takes(path_m: float, wait_s: float = 0.0) -> tuple[float, float]:
     """Joules and seconds of a way, and of standing at its end."""
-    duration_s = way_m / PACE_M_S + wait_s
-    return STANDING_W * duration_s + J_PER_M * way_m, 1.25 * duration_s
+    duration_s = path_m / PACE_M_S + wait_s
+    return STANDING_W * duration_s + J_PER_M * path_m, 1.25 * duration_s
 
 
 @pytest.mark.parametrize(
-    ("task", "way_m", "expected"),
+    ("task", "path_m", "expected"),
     [
         (EXPLORE, 8.0, takes(8.0)),
         (EXPLORE, 0.0, takes(0.0)),
@@ -35,8 +35,8 @@ def takes(way_m: float, wait_s: float = 0.0) -> tuple[float, float]:
         (RECHARGE, math.nan, takes(DETOUR * 5.0, DOCK_S)),
     ],
 )
-def test_a_task_takes_its_way_and_a_charge_also_the_docking(task, way_m, expected):
-    decision = own_decision(task, STATE, way_m, 7, POLICY)
+def test_a_task_takes_its_way_and_a_charge_also_the_docking(task, path_m, expected):
+    decision = own_decision(task, STATE, path_m, 7, POLICY)
     assert decision is not None
     (bid,) = decision.bids
     assert (bid.energy_j, bid.time_s) == pytest.approx(expected)

@@ -9,7 +9,7 @@ from robrain.coordinator.core.core import Parts
 from robrain.coordinator.planning.plan_executor import CHECK_NS, OFFERS_MAX, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.task_explanation import TaskExplanation
+from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
@@ -71,7 +71,7 @@ class Office:
         self.tasks._offers = SimpleNamespace(offer=self._send, answered=list)
         self.refuses: set[str] = set()
         self.plan = Plan()
-        self.explanation = TaskExplanation(self.tasks, self.plan, Parts().verdicts)
+        self.explanation = TaskExplainer(self.tasks, self.plan, Parts().verdicts)
         coalitions = SimpleNamespace(step=lambda _now_ns: None)
         self.executor = PlanExecutor(self.plan, self.tasks, self.explanation, coalitions)
 

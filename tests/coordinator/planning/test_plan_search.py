@@ -10,7 +10,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import task_messages
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TaskExplanation, TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -172,7 +172,7 @@ def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_other
     assert team.states() == {"bad": TaskState.FAILED, "good": TaskState.RUNNING}
     assert f"$.task.{field}" in team.why("bad")
     assert robot.task.id == "good"
-    why = team.ask(task_messages.TASK_WHY, TaskRequest(id="bad"), TaskWhy)
+    why = team.ask(task_messages.TASK_EXPLAIN, TaskRequest(id="bad"), TaskExplanation)
     assert why.now.startswith("failed: it cannot be carried out as requested")
     reopened.close()
 
@@ -190,5 +190,5 @@ def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypat
     monkeypatch.setattr(PlanSearch, "_find_wrong", lambda *_: {})
     team.submit(Task(id="w", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
-    why = team.ask(task_messages.TASK_WHY, TaskRequest(id="v"), TaskWhy)
+    why = team.ask(task_messages.TASK_EXPLAIN, TaskRequest(id="v"), TaskExplanation)
     assert why.now == "queued: no plan can be made: OverflowError: a defect"

@@ -12,7 +12,7 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -143,7 +143,7 @@ def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_to
     decision = ears.decided()[-1]
     assert (decision.task, decision.robots) == ("t1", ())
     assert "< 10" in decision.bids[0].refusal
-    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert found.robots[0].refusal == decision.bids[0].refusal
     assert found.now.startswith("queued: the plan leaves it out: r1, which comes nearest: would leave")
     queued = team.history("t1")
@@ -185,7 +185,7 @@ def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     team.submit(visit("t1", 6.0))
     team.run(1.0)
     assert offered(fresh) == ["t1"]
-    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert [one.refusal for one in found.robots] == ["goes home to charge", ""]
     fresh.end(TaskState.DONE)
     fresh.behavior, tired.behavior = "go home", "idle"

@@ -14,7 +14,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStat
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, TaskAnswer
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Gone, NotHeard, RobotReason, halted, lacks_plugins
+from robrain.protocol.reasons import Gone, NoState, RobotReason, halted, lacks_plugins
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.plain_reason import Plain
@@ -84,7 +84,7 @@ def test_a_robot_that_is_silent_or_gone_is_not_asked(office: Office) -> None:
     office.roster.robots["r1"].has_token = False
     assert office.refusal() == Gone()
     office.roster.robots["r1"].received_ns = None
-    assert office.refusal() == NotHeard()
+    assert office.refusal() == NoState()
 
 
 def test_a_robot_that_is_halted_is_not_asked(office: Office) -> None:

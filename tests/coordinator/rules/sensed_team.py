@@ -7,7 +7,7 @@ from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 
@@ -75,7 +75,7 @@ class SensedTeam:
         key = (robot, plugin, event)
         if key not in self._events:
             self._events[key] = self._wire.publisher(ROBOT_EVENT, robot=robot, plugin=plugin, event=event)
-        self._events[key].put(Event(robot=robot, plugin=plugin, event=event, value=value), stamp_ns)
+        self._events[key].put(PluginEvent(robot=robot, plugin=plugin, event=event, value=value), stamp_ns)
         self.team.run(run_s)
 
     def made(self, name="heat"):

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_WHY, TaskRequest, TaskWhy
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.desk_robots import DeskRobot
@@ -69,7 +69,7 @@ def test_the_next_task_runs_as_soon_as_the_last_is_done_and_is_not_offered_again
 
 def test_who_asks_is_told_that_a_task_is_next(team, robot):
     until_held(team, robot)
-    found = team.ask(TASK_WHY, TaskRequest(id="b"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="b"), TaskExplanation)
     assert found.now == "next at r1 after a"
     assert team.why("b") == "it is next, after a"
 

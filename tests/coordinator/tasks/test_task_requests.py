@@ -6,13 +6,13 @@ from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
+    TASK_EXPLAIN,
     TASK_GET,
     TASK_LIST,
-    TASK_WHY,
+    TaskExplanation,
     TaskFilter,
     TaskRecord,
     TaskRequest,
-    TaskWhy,
 )
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -93,7 +93,8 @@ def test_a_task_waits_for_those_before_it_and_for_its_time(team):
     team.submit(visit("second", after=("first",)))
     team.submit(visit("later"), earliest_in_s=3.0)
     team.run(1.5)
-    assert team.ask(TASK_WHY, TaskRequest(id="second"), TaskWhy).now.endswith("first, which it waits for, is running")
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="second"), TaskExplanation)
+    assert found.now.endswith("first, which it waits for, is running")
     robot.end(TaskState.DONE)
     team.run(0.2)
     assert [offer.task.id for offer in robot.offers] == ["first", "second"]
@@ -193,7 +194,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.run(1.5)
     team.submit(visit(), by="ann")
     team.run(0.2)
-    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert found.now == "running at r1"
     assert [(verdict.robot, verdict.chosen, verdict.refusal.split(" 1.")[0]) for verdict in found.robots] == [
         ("r1", True, ""),
@@ -206,7 +207,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     near.halted = True
     team.submit(visit("t2"))
     team.run(0.6)
-    found = team.ask(TASK_WHY, TaskRequest(id="t2"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="t2"), TaskExplanation)
     assert found.now == "queued: it waits for a robot to be free"
     assert found.robots[0].refusal == "is halted"
 
@@ -216,7 +217,7 @@ def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was
     first = team.settle("r1", 5.5)
     team.submit(visit())
     team.run(0.2)
-    assert team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy).robots[0].chosen
+    assert team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation).robots[0].chosen
     second = team.robot("r2", 8.0)
     first.speaks = False
     team.run(3.0)
@@ -224,7 +225,7 @@ def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was
     first.end(TaskState.DONE)
     first.speaks = True
     team.run(1.0)
-    found = team.ask(TASK_WHY, TaskRequest(id="t1"), TaskWhy)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert (found.record.state, found.record.robot) == (TaskState.DONE, "r1")
     assert [(verdict.robot, verdict.chosen) for verdict in found.robots] == [("r1", True), ("r2", False)]
     assert found.robots[0].refusal == ""

@@ -4,7 +4,7 @@ from robrain.coordinator.team.roster import FORGET_UNSEEN_NS, ROBOTS_MAX, ROBOTS
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
-from robrain.protocol.reasons import Gone, NotHeard
+from robrain.protocol.reasons import Gone, NoState
 from robrain.protocol.wire.presence import Change
 from tests.plain_reason import Plain
 
@@ -57,7 +57,7 @@ def test_a_token_alone_is_no_robot_to_count_on():
     comes(roster, "r1")
     assert names_up(roster, 0.0) == []
     (summary,) = roster.summaries(0)
-    assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NotHeard(), "nothing heard yet", 1e6)
+    assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NoState(), "no state received yet", 1e6)
 
 
 def test_a_full_roster_accepts_no_new_robot():

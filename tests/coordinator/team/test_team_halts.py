@@ -100,7 +100,7 @@ def test_halt_that_a_robot_knows_and_the_coordinator_does_not_is_taken_over_with
     status = team.watch.status(team.clock.now_ns())
     assert (status.by, status.reason, status.stopped, status.not_stopped) == (
         ["ann", "bob"],
-        "r1 was told so",
+        "reported by r1",
         ["r1"],
         [],
     )

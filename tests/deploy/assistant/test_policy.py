@@ -27,7 +27,7 @@ from robrain.sim.scenarios.scenario import Scenario
 TASK = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
 FORBIDDEN_CALLS = {
     ("driver", "cancel"), ("driver", "drive"), ("driver", "drive_path"), ("driver", "go_to"), ("driver", "move"),
-    ("driver", "stop"), ("driver", "take_hand"), ("driver", "turn"),
+    ("driver", "stop"), ("driver", "acquire_hand_lease"), ("driver", "turn"),
     ("mocdevice", "stop"),
     ("wander", "start"), ("wander", "stop"),
     ("idle", "wait_at"),
@@ -99,7 +99,7 @@ def test_the_host_is_not_reached_by_the_name_of_a_plugin(name: str) -> None:
         ("resume", Ban.RESUME),
         ("Resume-Team", Ban.RESUME),
         ("unload_plugin", Ban.PLUGINS),
-        ("take_hand", Ban.DRIVE),
+        ("acquire_hand_lease", Ban.DRIVE),
         ("set_speed", Ban.DRIVE),
         ("lead", Ban.LEAD),
         ("hold_plugin", Ban.HOLD),

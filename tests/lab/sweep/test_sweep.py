@@ -56,10 +56,10 @@ def test_the_table_is_csv_as_well_with_a_line_for_each_run(swept: SweepResult) -
         (f"robots={robots}", str(seed), "done") for robots in (1, 2) for seed in SEEDS
     ]
     table = swept.table()
-    for column in ("waiting_s", "standing_s", "overlap", "energy_j"):
+    for column in ("waiting_s", "idle_s", "overlap", "energy_j"):
         assert [float(row[column]) for row in rows] == pytest.approx(list(table[column]))
     assert {row["tasks_done"] for row in rows} == {""}  # the scenario has no tasks
-    assert (table["standing_s"] + table["waiting_s"] > 0).all()
+    assert (table["idle_s"] + table["waiting_s"] > 0).all()
 
 
 def test_the_manifest_has_a_command_for_each_run_that_repeats_it(

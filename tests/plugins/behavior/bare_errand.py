@@ -9,7 +9,7 @@ from robrain.plugins.behavior.errand import Errand
 from robrain.plugins.behavior.travel import TravelState
 from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.plugins.unit.teammates import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -20,7 +20,7 @@ class BareDriver:
 
     def __init__(self) -> None:
         self.sent: list[Pose2D] = []
-        self.state = Motion.STANDING
+        self.state = Motion.STOPPED
         self.blocked = 0.0
         self.stops = 0
 
@@ -47,7 +47,7 @@ class BareErrand:
     def __init__(self, *chargers: ChargerPlace) -> None:
         self.clock = VirtualClock(to_ns(1000.0))
         self.at = Pose2D(0.0, 0.0, 0.0)
-        self.mates: list[Mate] = []
+        self.mates: list[NearbyRobot] = []
         self.soc, self.charging = 0.5, False
         self.usable_j, self.usual_power_w = 6000.0, 10.0
         self.planned: list[Point2D] = []
@@ -62,8 +62,8 @@ class BareErrand:
         self.travel: Any = SimpleNamespace(
             driver=self.driver,
             pose=lambda: self.at,
-            mate_near_m=8.0,
-            teammates=SimpleNamespace(mates=self._others),
+            teammate_near_m=8.0,
+            teammates=SimpleNamespace(nearby=self._others),
             plan=self._plan,
             set_out=self._set_out,
             step=lambda: self.progress.pop(0) if self.progress else TravelState.ARRIVED,
@@ -102,7 +102,7 @@ class BareErrand:
     def wait(self, seconds: float) -> None:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
 
-    def _others(self, place: Point2D, near_m: float) -> list[Mate]:
+    def _others(self, place: Point2D, near_m: float) -> list[NearbyRobot]:
         return [
             mate
             for mate in self.mates
@@ -125,13 +125,13 @@ class BareErrand:
         self.made_room += 1
 
 
-def mate(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fields: Any) -> Mate:
+def mate(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fields: Any) -> NearbyRobot:
     """Another robot that stands, or drives to a place."""
-    return Mate(
+    return NearbyRobot(
         name=name,
         pose=Pose2D(x_m, y_m, 0.0),
         radius_m=0.2,
-        doing=Doing.STANDING,
+        doing=Doing.IDLE,
         claim=Claim(),
         track=None,  # of no interest here
         task="",

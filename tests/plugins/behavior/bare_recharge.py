@@ -53,9 +53,9 @@ class BareRecharge:
     def board(self) -> Any:
         return self.errand.board
 
-    def has(self, wait_s: float, way_m: float, spare_j: float = 0.0) -> None:
+    def has(self, wait_s: float, path_m: float, spare_j: float = 0.0) -> None:
         """Set the battery to slightly more than this wait and this distance take."""
-        self.usable_j = 10.0 * wait_s + 20.0 * way_m + spare_j
+        self.usable_j = 10.0 * wait_s + 20.0 * path_m + spare_j
 
     def work_at_a_task(self) -> None:
         self.tasks.offer(

@@ -131,7 +131,7 @@ class Errands(ArenaBench):
         self.run_until(lambda: self.status(robot).state.ended, limit_s, 0.2)
         return self.status(robot)
 
-    def way_m(self, robot: str = "r1") -> float:
+    def path_m(self, robot: str = "r1") -> float:
         """How far it really has gone."""
         return self.truth(robot).distance_m
 

@@ -46,7 +46,7 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     assert (status.state, status.why) == (TaskState.DONE, "")
     assert run.pose().distance_m(FAR) < 0.15
     assert status.result["off_m"] == pytest.approx(run.pose().distance_m(FAR), abs=0.05)
-    assert status.result["path_length_m"] == pytest.approx(run.way_m(), rel=0.05)
+    assert status.result["path_length_m"] == pytest.approx(run.path_m(), rel=0.05)
     assert battery is not None
     assert status.result["energy_j"] > 3.0 * 5.0
     assert behavior(run) == "idle"
@@ -59,7 +59,7 @@ def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     energy.outcome = lambda work, cost_j: told.append((work, cost_j))
     status = run.finish(Task(id="v", kind="visit", place=FAR, service_s=5.0))
     ((work, cost_j),) = told
-    assert work.path_m == pytest.approx(run.way_m(), rel=0.15)
+    assert work.path_m == pytest.approx(run.path_m(), rel=0.15)
     assert work.wait_s == 0.0
     assert 0.5 * status.result["energy_j"] < cost_j < status.result["energy_j"] - 5.0 * 5.0
     run.finish(Task(id="here", kind="visit", place=FAR))
@@ -85,7 +85,7 @@ def test_the_wheels_turn_at_once_and_the_path_is_told(errands):
     run.run(0.02)
     assert paths.drain()[0].message.points
     run.run(0.3)
-    assert run.way_m() > 0.01
+    assert run.path_m() > 0.01
     assert behavior(run) == "visit"
     assert run.call("visit", "doing") == "v"
 
@@ -233,9 +233,9 @@ def test_a_visit_takes_the_place_of_exploring_and_the_other_way_round(errands):
     run.run(1.0)
     assert run.call("explore", "goal") is None
     assert behavior(run) == "visit"
-    before_m = run.way_m()
+    before_m = run.path_m()
     run.run(1.0)
-    assert run.way_m() > before_m + 0.1
+    assert run.path_m() > before_m + 0.1
     assert run.offer(Task(id="x2", kind="explore", place=UNSEEN)).accepted
     assert run.call("visit", "doing") == ""
     run.run(0.5)
@@ -273,7 +273,7 @@ class Wheels:
 
         moc.drive, moc.stop = told_to_drive, told_to_stop
 
-    def standing_s(self) -> list[float]:
+    def idle_s(self) -> list[float]:
         """How long the wheels stood each time between two ways."""
         found, stopped_ns, turned = [], None, False
         for now_ns, turns in self.told:
@@ -301,7 +301,7 @@ def test_the_wheels_are_told_of_the_next_task_in_the_step_in_which_they_stop(err
     assert run.offer(Task(id="b", kind="visit", place=THERE), after="a").accepted
     until_ended(run, "b")
     assert run.status().state is TaskState.DONE
-    assert wheels.standing_s() == [0.0]
+    assert wheels.idle_s() == [0.0]
 
 
 def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):

@@ -11,7 +11,7 @@ from robrain.algorithms.navigation.frontier import find_frontiers, frontier_mask
 from robrain.algorithms.navigation.right_of_way import Track
 from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, ExploreBehavior, TeamChoice
 from robrain.plugins.skill.mapper.frames import FrameMove
-from robrain.plugins.unit.teammates import Doing, Mate
+from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, BatteryState
 from robrain.protocol.model.claim import Claim
@@ -342,13 +342,13 @@ def chooser(name: str) -> TeamChoice:
 
 def mate(
     name: str, x_m: float, bound: Point2D | None = None, behavior: str = ALONE, doing: Doing = Doing.MOVING
-) -> Mate:
+) -> NearbyRobot:
     pose = Pose2D(x_m, 2.7, 0.0)
     track = Track(np.array(((x_m, 2.7),)), 0.6, 0, RADIUS_M, goes_first=False)
-    return Mate(name, pose, RADIUS_M, doing, Claim(), track, "", bound or Point2D(x_m, 2.7), behavior)
+    return NearbyRobot(name, pose, RADIUS_M, doing, Claim(), track, "", bound or Point2D(x_m, 2.7), behavior)
 
 
-def choice(name: str, x_m: float, *mates: Mate, goal: Point2D | None = None) -> Point2D | None:
+def choice(name: str, x_m: float, *mates: NearbyRobot, goal: Point2D | None = None) -> Point2D | None:
     return chooser(name).choose_own(Point2D(x_m, 2.7), RADIUS_M, goal, mates, 0)
 
 

@@ -41,9 +41,9 @@ def test_a_robot_with_nothing_to_do_goes_home_after_a_while(errands):
     run.run(25.0)
     assert run.pose().distance_m(HOME) < 0.4
     assert run.robot().board.behavior == "idle"
-    way_m = run.way_m()
+    path_m = run.path_m()
     run.run(10.0)
-    assert run.way_m() == pytest.approx(way_m, abs=0.01)
+    assert run.path_m() == pytest.approx(path_m, abs=0.01)
 
 
 def test_a_task_on_the_way_home_is_done_first(errands):
@@ -59,7 +59,7 @@ def test_a_task_on_the_way_home_is_done_first(errands):
 def test_a_home_that_cannot_be_reached_keeps_nobody_busy(errands):
     run = errands(home=[-5.0, 1.0])
     run.run(20.0)
-    assert run.way_m() == 0.0
+    assert run.path_m() == 0.0
     assert run.finish(Task(id="v", kind="visit", place=FAR)).state == "done"
 
 

@@ -36,7 +36,7 @@ class Air:
         return [received.message for received in self._readings.drain()]
 
     def heard(self, robot="r1"):
-        return self.one.call("snw_exploration", "heard", robot=robot)
+        return self.one.call("snw_exploration", "motes", robot=robot)
 
 
 @pytest.fixture

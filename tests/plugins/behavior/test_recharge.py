@@ -88,6 +88,6 @@ def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
     run.run(25.0)
     assert run.pose().distance_m(START) < 0.3
     assert behavior(run) == "idle"
-    here = run.way_m()
+    here = run.path_m()
     run.run(10.0)
-    assert run.way_m() == pytest.approx(here, abs=0.01)  # it is at home, and stays there
+    assert run.path_m() == pytest.approx(here, abs=0.01)  # it is at home, and stays there

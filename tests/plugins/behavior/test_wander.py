@@ -20,7 +20,7 @@ def test_a_robot_that_wanders_gets_about_and_runs_into_nothing(errands, seed):
     assert run.call("wander", "start", 60.0) is True
     run.run(59.0)
     assert run.call("wander", "wandering") is True
-    assert run.way_m() > 10.0
+    assert run.path_m() > 10.0
     assert run.arena.collisions == 0
     run.run(3.0)
     assert run.call("wander", "wandering") is False

@@ -117,7 +117,7 @@ def hearing(*sequences, robot="r2"):
     for second, sequence in enumerate(sequences):
         payload = BeaconPayload(sequence % SEQUENCES, robot, -60 - 10 * second).pack()
         links.receive(payload, second)
-    (heard,) = links.heard()
+    (heard,) = links.received()
     return heard
 
 
@@ -152,4 +152,4 @@ def test_no_more_robots_are_heard_than_there_is_room_for():
     with pytest.raises(BadPacket, match=f"at most {MAX_ROBOTS} other robots, got 'late'"):
         links.receive(BeaconPayload(1, "late").pack(), 0)
     links.receive(BeaconPayload(2, "other0").pack(), 0)
-    assert len(links.heard()) == MAX_ROBOTS
+    assert len(links.received()) == MAX_ROBOTS

@@ -26,7 +26,7 @@ def png(width=4, height=3, color=(1, 2, 3)):
 def test_a_simulated_camera_sees_what_the_arena_draws():
     run = Errands("camera")
     run.run(0.1)
-    info = run.call("camera", "look")
+    info = run.call("camera", "test_picture")
     assert (info["width"], info["height"], info["stamp_ns"]) == (160, 120, run.clock.now_ns())
     picture = run.plugin("camera").snapshot()
     assert picture.png == run.arena.picture("r1")
@@ -36,7 +36,7 @@ def test_a_simulated_camera_sees_what_the_arena_draws():
 def test_a_camera_that_nobody_answers_for_says_so():
     with PluginBench(load=["camera"]) as bench:
         with pytest.raises(CallError, match="no camera answers"):
-            bench.call("camera", "look")
+            bench.call("camera", "test_picture")
         assert bench.info("camera").state == "active"  # the next picture may come
 
 
@@ -45,7 +45,7 @@ def test_pictures_of_a_folder_come_in_order_and_from_the_beginning(tmp_path):
         (tmp_path / f"{number}.png").write_bytes(png(width))
     parameters = {"camera": {"interface": "file", "channel": str(tmp_path)}}
     with PluginBench(load=["camera"], parameters=parameters) as bench:
-        assert [bench.call("camera", "look")["width"] for _ in range(3)] == [5, 6, 5]
+        assert [bench.call("camera", "test_picture")["width"] for _ in range(3)] == [5, 6, 5]
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def with_webcam(monkeypatch, webcam, channel=""):
 def test_picture_of_a_video_device_is_a_png_and_the_device_is_let_go(monkeypatch, channel, number):
     webcam = Webcam(number=number)
     with with_webcam(monkeypatch, webcam, channel) as bench:
-        info = bench.call("camera", "look")
+        info = bench.call("camera", "test_picture")
         assert (info["width"], info["height"]) == (9, 8)
         assert not webcam.is_released
     assert webcam.is_released
@@ -124,7 +124,7 @@ def test_picture_of_a_video_device_is_a_png_and_the_device_is_let_go(monkeypatch
 def test_video_device_without_a_picture_says_why(monkeypatch, fault, why):
     with with_webcam(monkeypatch, Webcam(**fault)) as bench:
         with pytest.raises(CallError, match=why):
-            bench.call("camera", "look")
+            bench.call("camera", "test_picture")
         assert bench.info("camera").state == "active"
 
 

@@ -133,7 +133,7 @@ def robot(chip: GpioChip, request: pytest.FixtureRequest) -> Iterator[Robot]:
 
 def test_a_closed_button_lets_the_robot_drive(robot: Robot) -> None:
     assert not robot.is_halted()
-    assert robot.bench.call("emergency_stop", "why_pressed") == ""
+    assert robot.bench.call("emergency_stop", "pressed_reason") == ""
 
 
 def test_a_pressed_button_halts_the_robot_within_two_hundredths_of_a_second(robot: Robot, chip: GpioChip) -> None:
@@ -263,7 +263,7 @@ def test_a_press_and_its_release_are_told_and_only_the_press_halts_the_robot(chi
 def test_any_open_contact_is_a_pressed_button(chip: GpioChip, wired_to: str, lines: Any, opened: int | None) -> None:
     chip.levels = {line: wired_to == "supply" for line in (3, 4) if line != opened}
     one = BareDevice(GpioEmergencyStop, lines=lines, wired_to=wired_to)
-    assert bool(one.it.why_pressed()) == (opened in lines)
+    assert bool(one.it.pressed_reason()) == (opened in lines)
 
 
 def test_resistors_of_the_board_are_left_to_do_their_work(chip: GpioChip, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,6 +274,6 @@ def test_resistors_of_the_board_are_left_to_do_their_work(chip: GpioChip, monkey
         return chip.request_lines(path, config, consumer)
 
     monkeypatch.setattr(gpio.gpiod, "request_lines", request)
-    BareDevice(GpioEmergencyStop, lines=(3,), own_pull=False).it.why_pressed()
+    BareDevice(GpioEmergencyStop, lines=(3,), own_pull=False).it.pressed_reason()
     assert [each.bias for each in asked] == [gpiod.line.Bias.DISABLED]
     assert asked[0].debounce_period.total_seconds() == 0.005

@@ -267,13 +267,13 @@ def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
     one, host = start_with(stage, forwarder)
     events = one.inbox(ROBOT_EVENT)
     forwarder.hang_up()
-    pass_until(one, lambda: counters(one)["why_down"])
-    assert "hung up" in counters(one)["why_down"] or "reset" in counters(one)["why_down"]
+    pass_until(one, lambda: counters(one)["down_reason"])
+    assert "hung up" in counters(one)["down_reason"] or "reset" in counters(one)["down_reason"]
     send(host)
     assert counters(one)["line"]["unsent"] == 1
     one.run(0.5)
     forwarder.accept()
-    pass_until(one, lambda: not counters(one)["why_down"])
+    pass_until(one, lambda: not counters(one)["down_reason"])
     assert [received.message.value["kind"] for received in events.drain()] == ["lost", "back"]
     forwarder.say(b"\x10" + READING)
     pass_until(one, lambda: counters(one)["packets"] == 1)
@@ -285,13 +285,13 @@ def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought
     forwarder = forwarders()
     one, _ = start_with(stage, forwarder)
     assert one.call("mote_base", "health") == {
-        "is_up": True, "why_down": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
+        "is_up": True, "down_reason": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
     }  # fmt: skip
     forwarder.close()
-    pass_until(one, lambda: counters(one)["why_down"])
+    pass_until(one, lambda: counters(one)["down_reason"])
     one.run(20.0)
     health = one.call("mote_base", "health")
-    assert (health["is_up"], health["why_down"]) == (False, counters(one)["why_down"])
+    assert (health["is_up"], health["down_reason"]) == (False, counters(one)["down_reason"])
     assert 19.0 <= health["down_s"] <= 20.1
     assert health["tries"] in (5, 6, 7)  # after 0.2, 0.4, 0.8, 1.6, 3.2, 6.4 and 10 s, and the loss itself
     assert 0.0 < health["next_try_s"] <= 10.0

@@ -298,9 +298,9 @@ def test_a_robot_that_stands_lays_a_scan_on_its_map_five_times_a_second(stage):
     assert localisation.health().last_fit > 0.95
 
 
-@pytest.mark.parametrize(("scan_way_m", "matches"), [(0.03, 25), (0.1, 9)])
-def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_way_m, matches):
-    one, host, localisation = localised(stage, "mapper", scan_way_m=scan_way_m, scan_period_s=100.0)
+@pytest.mark.parametrize(("scan_path_m", "matches"), [(0.03, 25), (0.1, 9)])
+def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_path_m, matches):
+    one, host, localisation = localised(stage, "mapper", scan_path_m=scan_path_m, scan_period_s=100.0)
     standing(one, 0.5)
     host.board.map_agreement = 0.0
     before = localisation.health().matches

@@ -73,10 +73,10 @@ class Driver:
         return np.all(np.array(self.errors_m) < 3.0 * sigmas_m) and sigmas_m.max() < 2.0
 
     def drive_around(self):
-        for way_m, turn_rad in ROUND:
-            steps = max(round(way_m / STEP_M), round(turn_rad / STEP_RAD))
+        for path_m, turn_rad in ROUND:
+            steps = max(round(path_m / STEP_M), round(turn_rad / STEP_RAD))
             for _ in range(steps):
-                self._step(Twist2D(way_m / steps, 0.0, turn_rad / steps))
+                self._step(Twist2D(path_m / steps, 0.0, turn_rad / steps))
 
     def stand(self, seconds):
         for _ in range(round(50 * seconds)):

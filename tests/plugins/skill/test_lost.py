@@ -86,12 +86,12 @@ def test_a_task_pauses_while_the_robot_looks_for_itself_slowly_and_then_goes_on(
     lose(run)
     run.run(1.5)
     assert paths.drain()[-1].message.points == []
-    way_m = run.way_m()
+    path_m = run.path_m()
     for _ in range(60):
         run.run(0.2)
         assert speed_m_s(run) <= SPEED_M_S + 0.01
     assert run.status().state is TaskState.RUNNING
-    assert run.way_m() - way_m > 2.0  # what localisation needs to find it by motes
+    assert run.path_m() - path_m > 2.0  # what localisation needs to find it by motes
     assert run.arena.collisions == 0
     find(run)
     for _ in range(100):
@@ -126,9 +126,9 @@ def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_st
     lose(run)
     run.run(PATIENCE_S + 3.0)
     assert (run.status().state, run.status().why) == (TaskState.FAILED, SAYS)
-    way_m = run.way_m()
+    path_m = run.path_m()
     run.run(10.0)
-    assert run.way_m() == way_m
+    assert run.path_m() == path_m
     assert run.arena.collisions == 0
 
 
@@ -140,7 +140,7 @@ def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run.run(PATIENCE_S - 5.0)
     assert run.robot().board.behavior == "find itself"
     run.run(10.0)
-    way_m = run.way_m()
+    path_m = run.path_m()
     run.run(15.0)
-    assert run.way_m() == way_m
+    assert run.path_m() == path_m
     assert run.robot().board.behavior == "idle"

@@ -60,7 +60,7 @@ def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(s
     for sigma_m in (1.9, 2.1, 1.9, 1.7, 1.5, 1.9):
         host.board.shared(OwnMap).local_pose = lies_at(sigma_m=sigma_m)
         scanned(one, 0.1)
-        paused.append(bool(one.call("mapper", "counters")["why_left_out"]))
+        paused.append(bool(one.call("mapper", "counters")["skip_reason"]))
     assert paused == [False, True, True, True, False, False]
 
 
@@ -382,7 +382,7 @@ def test_a_robot_that_drives_fast_lays_one_scan_a_second_on_the_submaps_of_other
 
 
 def test_a_robot_that_comes_back_lays_its_scans_on_its_own_old_submaps(stage):
-    scene = Scene(stage, submap={"way_m": 0.5})
+    scene = Scene(stage, submap={"path_m": 0.5})
     for x_m in (0.0, 0.6, 1.2, 0.6, 0.0):
         scene.scan(x_m, 0.4)
     counters = scene.counters()
@@ -396,7 +396,7 @@ def test_a_robot_that_maps_in_a_frame_of_its_own_goes_on_mapping_while_it_is_los
     scene.host.board.lost = "it was carried"
     scene.scan(0.0, 0.5)
     assert scene.counters()["scans"] == 0
-    assert "it was carried" in scene.counters()["why_left_out"]
+    assert "it was carried" in scene.counters()["skip_reason"]
     scene.scan(0.0, 0.5, trajectory=1, lost="it was carried")
     assert scene.counters()["scans"] > 10
     assert scene.host.board.frame != ARENA
@@ -407,7 +407,7 @@ def test_scans_that_localisation_has_not_laid_on_the_map_are_passed_over(stage):
     scene = Scene(stage)
     scene.scan(0.0, 0.5, checked=())
     counters = scene.counters()
-    assert (counters["scans"], counters["scans_left_out"]) == (0, 0)
+    assert (counters["scans"], counters["scans_skipped"]) == (0, 0)
     now_ns = scene.one.clock.now_ns()
     scene.scan(0.0, 0.5, checked=(now_ns + 40_000_000, now_ns + 100_000_000))
     assert scene.counters()["scans"] == 2
@@ -459,7 +459,7 @@ def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_
     assert "contradict what the lidar sees" in host.board.shared(OwnMap).misplaced
     mapper = host.manager.get("mapper").live_plugin()
     assert not mapper._graph.own, "with all that it has mapped"
-    left_out = one.call("mapper", "counters")["scans_left_out"]
+    left_out = one.call("mapper", "counters")["scans_skipped"]
     one.run(1.0, lambda: one.stand_and_scan(square_from(0.0).tolist()))
-    assert one.call("mapper", "counters")["scans_left_out"] > left_out, "until localisation starts again"
+    assert one.call("mapper", "counters")["scans_skipped"] > left_out, "until localisation starts again"
     assert not mapper._graph.own

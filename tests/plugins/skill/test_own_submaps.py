@@ -82,10 +82,10 @@ def test_the_first_submap_is_as_unsure_as_the_robot_and_the_next_one_by_what_it_
     assert np.diag(node.covariance) == pytest.approx((0.08, 0.07, 0.012), abs=2e-6)
 
 
-@pytest.mark.parametrize(("steps", "way_m"), [([(1.0, 0.0), (1.0, 0.0)], 2.0), ([(0.3, 0.4), (0.0, -0.4)], 0.9)])
-def test_a_submap_ends_after_its_way(steps: list[tuple[float, float]], way_m: float) -> None:
+@pytest.mark.parametrize(("steps", "path_m"), [([(1.0, 0.0), (1.0, 0.0)], 2.0), ([(0.3, 0.4), (0.0, -0.4)], 0.9)])
+def test_a_submap_ends_after_its_way(steps: list[tuple[float, float]], path_m: float) -> None:
     for longer_m, is_over in ((-0.01, True), (0.01, False)):
-        own = begun(way_m=way_m + longer_m)
+        own = begun(path_m=path_m + longer_m)
         at = START
         scan(own, at)
         for dx_m, dy_m in steps:
@@ -99,15 +99,15 @@ def test_a_submap_ends_after_its_way(steps: list[tuple[float, float]], way_m: fl
 
 def test_turns_count_as_way_too_whichever_way_round() -> None:
     for turn_rad in (1.0, -1.0):
-        for way_m, is_over in ((0.59, True), (0.61, False)):
-            own = begun(way_m=way_m)
+        for path_m, is_over in ((0.59, True), (0.61, False)):
+            own = begun(path_m=path_m)
             for yaw_rad in (3.0, 3.0 + turn_rad, 3.0):
                 scan(own, Pose2D(START.x_m, START.y_m, math.remainder(yaw_rad, math.tau)))
             assert own.is_over() == is_over
 
 
 def test_the_way_from_before_the_robot_was_lost_does_not_count() -> None:
-    own = begun(way_m=1.0)
+    own = begun(path_m=1.0)
     scan(own, START)
     scan(own, Pose2D(START.x_m + 0.9, START.y_m, START.yaw_rad))
     own.begin_trajectory(1)

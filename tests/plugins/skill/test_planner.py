@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robrain.plugins.skill.mapper.mapper import MapView
+from robrain.plugins.skill.mapper.mapper import MapCells
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
@@ -20,7 +20,7 @@ def view(version=1, fill=FREE):
     classes = np.full(GEOMETRY.shape, fill, np.int8)
     classes[[0, -1], :] = OCCUPIED
     classes[:, [0, -1]] = OCCUPIED
-    return MapView(version, GEOMETRY, classes)
+    return MapCells(version, GEOMETRY, classes)
 
 
 def draw(one, x0, y0, x1, y1, kind):

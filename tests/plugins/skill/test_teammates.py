@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robrain.plugins.unit.teammates import (
     Doing,
     KnownTeammate,
-    Mate,
+    NearbyRobot,
     may_be_near,
     near,
     receive_paths,
@@ -82,7 +82,7 @@ PATH = [Point2D(1.0, 2.0), Point2D(4.0, 2.0)]
 
 
 def mates(host, place=HERE, within_m=8.0):
-    return host.manager.get("teammates").plugin.mates(place, within_m)
+    return host.manager.get("teammates").plugin.nearby(place, within_m)
 
 
 def say_path(one, name, points, **more):
@@ -179,13 +179,13 @@ class Watched:
         path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], held_at_m=held_at_m)
         receive_paths([(self.known, path)], round(at_s * S))
 
-    def at(self, at_s: float) -> Mate:
+    def at(self, at_s: float) -> NearbyRobot:
         (mate,) = reckon([self.known], round(at_s * S), FRESH_S * S)
         return mate
 
 
 @pytest.mark.parametrize(
-    ("left_m", "doing"), [(0.0, Doing.STANDING), (0.2, Doing.STANDING), (0.3, Doing.MOVING), (1.0, Doing.MOVING)]
+    ("left_m", "doing"), [(0.0, Doing.IDLE), (0.2, Doing.IDLE), (0.3, Doing.MOVING), (1.0, Doing.MOVING)]
 )
 def test_a_mate_with_two_decimetres_of_way_left_has_arrived(left_m: float, doing: Doing) -> None:
     mate = Watched()
@@ -219,7 +219,7 @@ def test_a_mate_that_rolls_without_a_path_goes_on_as_it_rolls_for_a_second_and_a
 def test_a_mate_that_falls_silent_while_it_rolls_is_an_obstacle_where_it_was() -> None:
     mate = Watched()
     mate.state(3.0, 0, velocity=Twist2D(0.38, 0.0, 0.0))
-    assert mate.at(FRESH_S).doing is Doing.STANDING
+    assert mate.at(FRESH_S).doing is Doing.IDLE
     assert mate.at(FRESH_S + 0.001).doing is Doing.OBSTACLE
     assert mate.at(FRESH_S + 0.001).track.positions.tolist() == [[3.0, 0.0]]
 

@@ -203,4 +203,4 @@ class BareDriver:
 
 def by_hand(driver: Driver, forward_m_s: float, left_m_s: float, yaw_rad_s: float) -> None:
     """Drive by hand under a new lease."""
-    driver.move(forward_m_s, left_m_s, yaw_rad_s, driver.take_hand("ann").lease)
+    driver.move(forward_m_s, left_m_s, yaw_rad_s, driver.acquire_hand_lease("ann").lease)

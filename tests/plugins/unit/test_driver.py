@@ -30,7 +30,7 @@ def begun(stage, world, pose):
 
 
 def stands(one):
-    return one.call("driver", "motion") == Motion.STANDING
+    return one.call("driver", "motion") == Motion.STOPPED
 
 
 def off_path_m(pose, corners):
@@ -141,7 +141,7 @@ def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_
     known_m2 = robot.call("mapper", "known_area_m2")
     robot.call("driver", "drive", 1.0)
     robot.run(1.0)
-    assert robot.call("driver", "blocked_why") == "there has been no fresh scan"
+    assert robot.call("driver", "blocked_reason") == "there has been no fresh scan"
     assert robot.call("mapper", "known_area_m2") == known_m2
     robot.run(4.0)
     assert "nothing but the turn that it froze in" in robot.told.drain()[-1].message.value
@@ -163,7 +163,7 @@ def test_what_only_the_range_sensors_hear_is_stopped_at(stage, room):
     one.run(0.4)
     one.call("driver", "drive", 4.0)
     one.run(6.0)
-    assert one.call("driver", "blocked_why") == "an obstacle has blocked the path"
+    assert one.call("driver", "blocked_reason") == "an obstacle has blocked the path"
     assert one.truth().collisions == 0
     assert 0.03 < 3.0 - 0.2 - one.truth().pose.x_m < 0.25
 

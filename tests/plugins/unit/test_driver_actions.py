@@ -54,7 +54,7 @@ def test_drive_goes_straight_ahead_or_back_without_turning(robot, distance_m):
     assert along_m == pytest.approx(distance_m, abs=0.1)
     assert aside_m == pytest.approx(0.0, abs=0.05)
     assert robot.truth().pose.yaw_rad == pytest.approx(START.yaw_rad, abs=0.05)
-    assert robot.call("driver", "motion") == Motion.STANDING
+    assert robot.call("driver", "motion") == Motion.STOPPED
 
 
 def test_progress_leaves_the_robot_at_most_twice_a_second_and_grows(robot):

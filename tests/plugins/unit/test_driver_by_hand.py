@@ -26,7 +26,7 @@ def robot(stage, room):
 
 def hold(robot, seconds, *velocity):
     """Hold a button for so long."""
-    lease = robot.call("driver", "take_hand", "ann")["lease"]
+    lease = robot.call("driver", "acquire_hand_lease", "ann")["lease"]
     for _ in range(round(seconds / RENEW_S)):
         robot.call("driver", "move", *velocity, lease)
         robot.run(RENEW_S)
@@ -43,7 +43,7 @@ def test_robot_goes_while_it_is_asked_to_and_stands_when_nobody_asks_any_more(ro
     stood = robot.truth().pose
     robot.run(1.0)
     assert robot.truth().pose.x_m == pytest.approx(stood.x_m, abs=0.0005)
-    assert robot.call("driver", "motion") == Motion.STANDING
+    assert robot.call("driver", "motion") == Motion.STOPPED
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def robot() -> BareDriver:
 def run(robot: BareDriver, limit: int = 1500) -> list[Twist2D]:
     """Step until the robot stands; all velocities on the way, each of which it can drive."""
     for _ in range(limit):
-        if robot.plugin.motion() is Motion.STANDING:
+        if robot.plugin.motion() is Motion.STOPPED:
             said = [one for one in robot.wheels.said if isinstance(one, Twist2D)]
             assert all(one.left_m_s == 0.0 for one in said)
             assert all(abs(one.yaw_rad_s) * RADIUS_MIN_M <= abs(one.forward_m_s) + 1e-9 for one in said)
@@ -140,7 +140,7 @@ def test_a_lidar_that_is_covered_is_no_open_floor(robot: BareDriver) -> None:
     robot.plugin.drive_path([Point2D(3.0, 0.0)])
     robot.step(30)
     assert robot.wheels.at == Pose2D(0.0, 0.0, 0.0)
-    assert robot.plugin.blocked_why() == "the lidar is covered: its scan has no beam"
+    assert robot.plugin.blocked_reason() == "the lidar is covered: its scan has no beam"
 
 
 def test_a_wall_close_ahead_makes_it_back_away_and_it_never_comes_nearer(robot: BareDriver) -> None:
@@ -148,7 +148,7 @@ def test_a_wall_close_ahead_makes_it_back_away_and_it_never_comes_nearer(robot: 
     robot.plugin.turn(math.pi / 2)
     nearest_m = math.inf
     for _ in range(1500):
-        if robot.plugin.motion() is Motion.STANDING:
+        if robot.plugin.motion() is Motion.STOPPED:
             break
         robot.step()
         nearest_m = min(nearest_m, robot.lidar.wall_m - robot.wheels.at.x_m)
@@ -170,16 +170,16 @@ def test_without_room_ahead_and_behind_the_turn_fails_in_words(robot: BareDriver
 
 
 def test_driven_by_hand_it_steers_no_further_than_it_can_and_does_not_move_by_itself(robot: BareDriver) -> None:
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     for _ in range(30):
         robot.plugin.move(0.0, 0.0, 1.0, lease)
         robot.step()
     assert robot.wheels.at == Pose2D(0.0, 0.0, 0.0)
-    assert robot.plugin.blocked_why() == NEEDS_SPEED
+    assert robot.plugin.blocked_reason() == NEEDS_SPEED
     for _ in range(30):
         robot.plugin.move(0.2, 0.0, 1.0, lease)
         robot.step()
-    assert robot.plugin.blocked_why() == ""
+    assert robot.plugin.blocked_reason() == ""
     assert robot.wheels.at.yaw_rad > 0.3
     said = [one for one in robot.wheels.said if isinstance(one, Twist2D)]
     assert all(abs(one.yaw_rad_s) * RADIUS_MIN_M <= abs(one.forward_m_s) + 1e-9 for one in said)

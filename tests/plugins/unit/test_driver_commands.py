@@ -24,7 +24,7 @@ def robot():
 def run(robot, limit=600):
     """Step until the robot stands."""
     for _ in range(limit):
-        if robot.plugin.motion() is Motion.STANDING:
+        if robot.plugin.motion() is Motion.STOPPED:
             return
         robot.step()
     raise AssertionError("it does not come to stand")
@@ -235,5 +235,5 @@ def test_invalid_number_to_drive_by_is_refused_and_changes_nothing(robot, functi
 def test_driver_that_was_never_asked_for_anything_stands_and_is_not_blocked(robot):
     robot.step(3)
     plugin = robot.plugin
-    assert (plugin.motion(), plugin.blocked_s(), plugin.blocked_why()) == (Motion.STANDING, 0.0, "")
+    assert (plugin.motion(), plugin.blocked_s(), plugin.blocked_reason()) == (Motion.STOPPED, 0.0, "")
     assert robot.commands() == []

@@ -59,7 +59,7 @@ def test_bump_stops_the_wheels_at_once_whoever_drives(robot, start):
     robot.step(5)
     assert robot.commands() == [STILL] * 5
     assert robot.plugin.motion() is Motion.BLOCKED
-    assert robot.plugin.blocked_why() == "an obstacle has blocked the path"
+    assert robot.plugin.blocked_reason() == "an obstacle has blocked the path"
 
 
 @pytest.mark.parametrize("start", [ahead, by_hand], ids=["path", "hand"])
@@ -143,7 +143,7 @@ def test_driver_that_is_deactivated_stops_the_wheels_and_commands_nothing_more(r
     under_way(robot, start, 10)
     robot.plugin.deactivate()
     assert robot.commands() == ["stop"]
-    assert robot.plugin.motion() is Motion.STANDING
+    assert robot.plugin.motion() is Motion.STOPPED
     robot.step(10)
     assert robot.commands() == []
 
@@ -158,7 +158,7 @@ def test_halted_driver_has_forgotten_where_it_went(robot, start):
     robot.commands()
     robot.step(10)
     assert robot.commands() == []
-    assert robot.plugin.motion() is Motion.STANDING
+    assert robot.plugin.motion() is Motion.STOPPED
     # What comes next starts from rest.
     ahead(robot.plugin)
     robot.step()
@@ -255,11 +255,11 @@ def test_robot_that_turns_stands_when_the_wheels_say_nothing_and_starts_again_fr
     robot.wheels.fresh = False
     robot.step(3)
     assert robot.commands() == [STILL] * 3
-    assert robot.plugin.blocked_why() == "no data from the wheel encoders"
+    assert robot.plugin.blocked_reason() == "no data from the wheel encoders"
     robot.wheels.fresh = True
     robot.step()
     assert 0.0 < robot.wheels.twist.yaw_rad_s <= 20.0 * PERIOD_S**2 + 1e-9
-    assert (robot.plugin.motion(), robot.plugin.blocked_why()) == (Motion.DRIVING, "")
+    assert (robot.plugin.motion(), robot.plugin.blocked_reason()) == (Motion.DRIVING, "")
     assert robot.plugin.cancel(action) is True
 
 
@@ -283,7 +283,7 @@ def test_robot_that_is_blind_stands_and_starts_again_from_rest(robot, start, bli
     robot.commands()
     robot.step(3)
     assert robot.commands() == [STILL] * 3
-    assert (robot.plugin.motion(), robot.plugin.blocked_why()) == (Motion.BLOCKED, why)
+    assert (robot.plugin.motion(), robot.plugin.blocked_reason()) == (Motion.BLOCKED, why)
     robot.wheels.fresh = robot.lidar.speaks = True
     robot.step()
     twist = robot.wheels.twist
@@ -302,7 +302,7 @@ def test_frozen_lidar_is_doubted_and_the_robot_stands(robot):
     )
     robot.step(10)
     assert robot.wheels.twist == STILL
-    assert robot.plugin.blocked_why() == "the lidar has been frozen"
+    assert robot.plugin.blocked_reason() == "the lidar has been frozen"
     assert "the lidar is frozen" in robot.lidar.doubts[0]
 
 
@@ -322,7 +322,7 @@ def test_action_fails_when_its_way_has_been_blocked_for_longer_than_the_patience
     assert [(end.outcome, end.why) for end in robot.ends] == [
         (Outcome.FAILED, "no data from the wheel encoders for 1.2 s")
     ]
-    assert (robot.plugin.motion(), robot.plugin.blocked_s()) == (Motion.STANDING, 0.0)
+    assert (robot.plugin.motion(), robot.plugin.blocked_s()) == (Motion.STOPPED, 0.0)
     assert robot.commands()[-1] == "stop"
 
 

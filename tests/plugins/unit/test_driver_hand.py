@@ -35,7 +35,7 @@ def under_way(robot, start, steps):
 
 def keep_asking(robot, steps, *wanted):
     """Drive by hand, renewing the lease with each step."""
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     for _ in range(steps):
         robot.plugin.move(*wanted, lease)
         robot.step()
@@ -55,7 +55,7 @@ def test_hand_that_does_not_ask_again_ends_with_its_lease_to_the_period(robot):
     assert robot.plugin.motion() is Motion.DRIVING
     robot.step(1)
     assert robot.commands()[-1] == "stop"
-    assert robot.plugin.motion() is Motion.STANDING
+    assert robot.plugin.motion() is Motion.STOPPED
     assert wheels_stand(robot)
 
 
@@ -68,7 +68,7 @@ def test_hand_that_takes_over_cancels_actions_drives_and_nothing_goes_on_after_i
     assert [(end.outcome, end.why) for end in robot.ends] == [(Outcome.CANCELLED, "the robot is driven by hand")]
     assert robot.wheels.twist.left_m_s > 0.05
     robot.step()
-    assert robot.plugin.motion() is Motion.STANDING
+    assert robot.plugin.motion() is Motion.STOPPED
     assert wheels_stand(robot)
 
 
@@ -143,24 +143,24 @@ def test_lease_that_was_not_taken_drives_nothing(robot):
 
 
 def test_lease_that_has_lapsed_is_not_renewed_by_a_command_that_comes_late(robot):
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     robot.plugin.move(0.3, 0.0, 0.0, lease)
     robot.step(5)
     refused(robot, lease)
     assert wheels_stand(robot)
-    robot.plugin.move(0.3, 0.0, 0.0, robot.plugin.take_hand("ann").lease)
+    robot.plugin.move(0.3, 0.0, 0.0, robot.plugin.acquire_hand_lease("ann").lease)
     robot.step(2)
     assert robot.wheels.twist.forward_m_s > 0.0
 
 
 def test_only_one_drives_at_a_time_and_the_other_is_told_who(robot):
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     robot.plugin.move(0.3, 0.0, 0.0, lease)
     with pytest.raises(CallError, match="ann drives the robot by hand") as refusal:
-        robot.plugin.take_hand("bob")
+        robot.plugin.acquire_hand_lease("bob")
     assert refusal.value.code is ErrorCode.BUSY
     robot.plugin.move(0.0, 0.0, 0.0, lease)
-    other = robot.plugin.take_hand("bob").lease
+    other = robot.plugin.acquire_hand_lease("bob").lease
     refused(robot, lease)
     robot.plugin.move(0.3, 0.0, 0.0, other)
     robot.plugin.move(0.0, 0.0, 0.0, lease)  # ann's wish to stand does not end bob's drive
@@ -169,8 +169,8 @@ def test_only_one_drives_at_a_time_and_the_other_is_told_who(robot):
 
 
 def test_holder_that_takes_the_lease_again_ends_its_earlier_one(robot):
-    first = robot.plugin.take_hand("ann").lease
-    second = robot.plugin.take_hand("ann").lease
+    first = robot.plugin.acquire_hand_lease("ann").lease
+    second = robot.plugin.acquire_hand_lease("ann").lease
     refused(robot, first)
     robot.plugin.move(0.3, 0.0, 0.0, second)
     robot.step()
@@ -179,7 +179,7 @@ def test_holder_that_takes_the_lease_again_ends_its_earlier_one(robot):
 
 @pytest.mark.parametrize("ends", ["emergency_halt", "deactivate"])
 def test_lease_ends_with_a_halt_and_with_the_plugin(robot, ends):
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     robot.plugin.move(0.3, 0.0, 0.0, lease)
     robot.step(2)
     getattr(robot.plugin, ends)()
@@ -187,7 +187,7 @@ def test_lease_ends_with_a_halt_and_with_the_plugin(robot, ends):
 
 
 def test_lease_that_lapses_leaves_what_the_robot_drives_by_itself_alone(robot):
-    robot.plugin.take_hand("ann")
+    robot.plugin.acquire_hand_lease("ann")
     action = under_way(robot, lambda plugin: plugin.drive(1.0), 20)
     assert "stop" not in robot.commands()
     robot.step(80)
@@ -197,12 +197,12 @@ def test_lease_that_lapses_leaves_what_the_robot_drives_by_itself_alone(robot):
 @pytest.mark.parametrize("by", ["", "*", "a/b", "x" * 64])
 def test_holder_has_a_name_that_can_be_one(robot, by):
     with pytest.raises(CallError) as refusal:
-        robot.plugin.take_hand(by)
+        robot.plugin.acquire_hand_lease(by)
     assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
 
 
 def test_ramps_are_no_faster_for_one_that_asks_more_often(robot):
-    lease = robot.plugin.take_hand("ann").lease
+    lease = robot.plugin.acquire_hand_lease("ann").lease
     for _ in range(30):
         robot.plugin.move(0.3, 0.0, 0.0, lease)
     assert robot.hurries == 1  # each hurry is a step

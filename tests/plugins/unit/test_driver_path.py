@@ -209,7 +209,7 @@ def test_every_motion_keeps_the_limits_of_acceleration(stage, room, action):
     one.run(0.4)
     one.call("driver", *action)
     moved = velocities(one, 10.0)
-    assert one.call("driver", "motion") == "standing"
+    assert one.call("driver", "motion") == "stopped"
     # The driver commands every third tick; the wheels follow within one, at the floor's 1.5 m/s².
     steps = range(0, len(moved) - 6, 3)
     linear = [math.hypot(moved[i + 3][0] - moved[i][0], moved[i + 3][1] - moved[i][1]) / 0.06 for i in steps]

@@ -25,7 +25,7 @@ def robot() -> BareDriver:
 def run(robot: BareDriver, limit: int = 1500) -> list[Twist2D]:
     """Step until the robot stands; all velocities on the way."""
     for _ in range(limit):
-        if robot.plugin.motion() is Motion.STANDING:
+        if robot.plugin.motion() is Motion.STOPPED:
             return [said for said in robot.wheels.said if isinstance(said, Twist2D)]
         robot.step()
     raise AssertionError("it does not come to stand")
@@ -58,7 +58,7 @@ def test_it_follows_the_corners_of_a_path_and_stays_near_it(robot: BareDriver) -
     robot.plugin.drive_path(corners)
     off_m = 0.0
     for _ in range(1500):
-        if robot.plugin.motion() is Motion.STANDING:
+        if robot.plugin.motion() is Motion.STOPPED:
             break
         robot.step()
         at = robot.wheels.at

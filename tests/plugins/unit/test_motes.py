@@ -75,7 +75,7 @@ class Talk:
         return [received.message for received in self._readings.drain()]
 
     def row(self, mote="m3"):
-        return next(row for row in self.one.call("snw_exploration", "heard") if row["mote"] == mote)
+        return next(row for row in self.one.call("snw_exploration", "motes") if row["mote"] == mote)
 
     def counters(self):
         return self.one.call("snw_exploration", "counters")
@@ -144,13 +144,13 @@ def test_a_mote_that_starts_anew_is_believed(talk):
 def test_the_robot_tells_which_motes_it_has_heard(talk):
     one = talk(collect=False)
     one.hear(DARK, packet(1, rssi_dbm=-60), packet(4, rssi_dbm=-70, oldest=1, value_centi=-500))
-    rows = one.one.call("snw_exploration", "heard")
+    rows = one.one.call("snw_exploration", "motes")
     assert [row["mote"] for row in rows] == ["m3", "m7"]
     row = rows[0]
     assert (row["rssi_dbm"], row["mean_rssi_dbm"]) == (-70, -65)
     assert (row["readings"], row["missing"], row["last_value"], row["period_s"]) == (2, 2, -5.0, 4.0)
     assert row["place"] == {"x_m": 5.0, "y_m": -2.0}
-    assert row["heard_from"] is None
+    assert row["received_at"] is None
     assert 0 < row["stamp_ns"] <= one.one.clock.now_ns()
 
 
@@ -174,7 +174,7 @@ def test_bytes_that_are_no_packet_are_counted_and_dropped(talk, bytes_):
 def test_motes_beyond_the_most_are_not_taken_in(talk):
     one = talk(max_motes=2)
     one.hear(*(packet(1, mote=mote) for mote in (1, 2, 3)))
-    assert [row["mote"] for row in one.one.call("snw_exploration", "heard")] == ["m1", "m2"]
+    assert [row["mote"] for row in one.one.call("snw_exploration", "motes")] == ["m1", "m2"]
     assert one.counters()["refused"] == 1
 
 
@@ -333,10 +333,10 @@ def test_a_reading_that_motes_have_passed_on_is_told_with_its_way_and_its_mote_i
     assert first.stamp_ns - first.measured_ns == pytest.approx(1.2e9, abs=1e8)
     assert second.sequence == 7
     assert (asked(said), one.counters()["repeated"]) == ([], 1)
-    assert one.one.call("snw_exploration", "heard") == []
+    assert one.one.call("snw_exploration", "motes") == []
 
 
-def test_a_reading_heard_from_its_own_mote_has_no_way(stage) -> None:
+def test_a_reading_received_at_its_own_mote_has_no_way(stage) -> None:
     one = Talk(stage(), collect=False)
     one.hear(packet(5))
     (reading,) = one.readings()
@@ -541,7 +541,7 @@ def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
     one.record_packet(reading(rssi_dbm=-60), 1, None)
     one.record_packet(reading(sequence=8, rssi_dbm=-80, value_centi=2200), 2, HERE)
     row = one.as_received()
-    assert (row.mote, row.place, row.heard_from) == ("m3", Point2D(5.0, -2.0), HERE)
+    assert (row.mote, row.place, row.received_at) == ("m3", Point2D(5.0, -2.0), HERE)
     assert (row.rssi_dbm, row.mean_rssi_dbm, row.stamp_ns) == (-80, -70.0, 2)
     assert (row.period_s, row.voltage_v, row.last_value) == (4.0, 2.9, 22.0)
     assert (row.readings, row.missing) == (0, 0)

@@ -38,7 +38,7 @@ class Bench:
         self.told = []
         env = SimpleNamespace(plugin="tool", wire=SimpleNamespace(drive=drive))
         self.plugin = Program(env, convert(parameters, Program.Parameters))
-        self.plugin.said.add(self.told.append, self.mailbox)
+        self.plugin.printed.add(self.told.append, self.mailbox)
 
     def start(self):
         self.plugin.init()
@@ -91,7 +91,7 @@ def test_json_goes_in_and_comes_out_a_document_a_line(start):
     )
     bench = start(double, input="json", output="json")
     assert bench.plugin.send('[1,\n "two"]') == '[1, "two", 1, "two"]'
-    assert bench.plugin.state().lines_left_out == 1
+    assert bench.plugin.state().lines_skipped == 1
     with pytest.raises(BadLine, match="tool takes JSON"):
         bench.plugin.send("{")
 
@@ -101,7 +101,7 @@ def test_json_that_is_nested_too_deeply_is_left_out_and_the_program_goes_on(star
     code = f"print('[' * 30_000 + ']' * 30_000, flush=True); print(1, flush=True)\n{ECHO}"
     bench = start(code, input="json", output="json", max_line_bytes=100_000)
     bench.until(lambda: bench.told == ["1"])
-    assert bench.plugin.state().lines_left_out == 1
+    assert bench.plugin.state().lines_skipped == 1
     with pytest.raises(BadLine, match="tool takes JSON"):
         bench.plugin.send(deep)
     assert bench.plugin.state().running == "running"
@@ -119,7 +119,7 @@ def test_lines_that_are_too_long_are_left_out_and_cost_no_memory(start, caplog):
     code = "import sys\nfor _ in range(200): sys.stdout.write('x' * 100_000)\nprint('\\nshort', flush=True)\ninput()"
     bench = start(code, max_line_bytes=1000)
     bench.until(lambda: bench.told == ["short"])
-    assert bench.plugin.state().lines_left_out == 1
+    assert bench.plugin.state().lines_skipped == 1
     assert "ignored a line of more than 1000 bytes" in caplog.text
 
 
@@ -135,7 +135,7 @@ def test_a_program_that_does_not_answer_in_time_is_killed(start):
 def test_a_program_that_does_not_read_holds_nobody_up(start):
     bench = start("import time; time.sleep(60)", time_limit_s=0.2, max_line_bytes=1_000_000)
     with pytest.raises(ProgramLate, match="did not take a line"):
-        bench.plugin.tell("x" * 1_000_000)
+        bench.plugin.write_line("x" * 1_000_000)
 
 
 def test_a_program_that_ends_instead_of_answering_says_so(start):

@@ -92,7 +92,7 @@ def test_before_a_gap_that_is_too_narrow_for_its_path_the_robot_stands_and_tells
     one.run(15.0)
     assert one.pose.x_m < 1.6
     assert one.driver.motion() is Motion.BLOCKED
-    assert (one.driver.blocked_why() == "the path has been too narrow") is is_narrow
+    assert (one.driver.blocked_reason() == "the path has been too narrow") is is_narrow
     assert one.driver.gap_m() == (pytest.approx(gap_m, abs=0.03) if is_narrow else None)
     assert one.driver.squeezes() is is_narrow
     assert one.collisions == 0

@@ -14,7 +14,7 @@ from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.zenoh_link import LockstepReplies
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.messages.team.team_messages import HALT, Halt
@@ -104,7 +104,7 @@ def test_a_subscription_with_a_name_hears_that_one_alone(wire):
     inbox = Inbox()
     wire.other.subscribe(inbox, ROBOT_EVENT, robot="r1", event="done")
     for robot, event in [("r1", "done"), ("r1", "begun"), ("r2", "done")]:
-        message = Event(robot=robot, plugin="p", event=event)
+        message = PluginEvent(robot=robot, plugin="p", event=event)
         wire.robot.publisher(ROBOT_EVENT, robot=robot, plugin="p", event=event).put(message)
     assert [(item.message.robot, item.message.event) for item in inbox.drain()] == [("r1", "done")]
 

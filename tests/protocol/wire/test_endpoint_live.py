@@ -11,7 +11,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
@@ -91,11 +91,11 @@ def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkey
 def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
     publisher = team.join().publisher(ROBOT_EVENT, **EVENT)
     for number in range(5):
-        publisher.put(Event(robot="r1", plugin="driver", event="arrived", value=number))
+        publisher.put(PluginEvent(robot="r1", plugin="driver", event="arrived", value=number))
     inbox = Inbox()
     team.join().subscribe(inbox, ROBOT_EVENT)
     until(lambda: len(inbox) >= 5)
-    publisher.put(Event(robot="r1", plugin="driver", event="arrived", value=5))
+    publisher.put(PluginEvent(robot="r1", plugin="driver", event="arrived", value=5))
     until(lambda: len(inbox) >= 6)
     received = inbox.drain()
     assert [item.message.value for item in received] == [0, 1, 2, 3, 4, 5]
@@ -107,7 +107,7 @@ def test_what_counts_only_at_its_time_is_not_kept_for_late_joiners(team):
     sender = team.join()
     publisher, events = sender.publisher(ROBOT_STATE, robot="r1"), sender.publisher(ROBOT_EVENT, **EVENT)
     publisher.put(RobotState(robot="r1", behavior="before"))
-    events.put(Event(**EVENT))
+    events.put(PluginEvent(**EVENT))
     late, inbox, marks = team.join(), Inbox(every=True), Inbox()
     late.subscribe(inbox, ROBOT_STATE)
     late.subscribe(marks, ROBOT_EVENT)

@@ -7,7 +7,7 @@ import pytest
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
@@ -31,7 +31,7 @@ def test_samples_that_no_recovery_brings_are_counted_and_others_are_not(cache):
             publisher = speaker.publisher(topic, **NAMES)
 
             def put(value):
-                publisher.put(Event(**NAMES, value=value))
+                publisher.put(PluginEvent(**NAMES, value=value))
 
             def hears(value):
                 heard.extend(received.message.value for received in inbox.drain())

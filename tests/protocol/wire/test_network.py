@@ -7,7 +7,7 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import exchange
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -92,7 +92,7 @@ def texts(inbox):
 
 def events(team, party="r1"):
     publisher = team.ends[party].publisher(ROBOT_EVENT, robot=party, plugin="p", event="e")
-    return lambda number: publisher.put(Event(robot=party, plugin="p", event="e", value=number))
+    return lambda number: publisher.put(PluginEvent(robot=party, plugin="p", event="e", value=number))
 
 
 def test_party_is_heard_by_itself_and_by_the_infrastructure_always_by_others_if_there_is_a_way(team):

@@ -174,12 +174,12 @@ def test_who_is_pushed_or_carried_obeys() -> None:
     assert told.found(Invariant.HALTS) == []
 
 
-@pytest.mark.parametrize("way_m", [0.11, 0.27, 0.5])
-def test_who_stands_and_is_carried_a_short_way_obeys(way_m: float) -> None:
+@pytest.mark.parametrize("path_m", [0.11, 0.27, 0.5])
+def test_who_stands_and_is_carried_a_short_way_obeys(path_m: float) -> None:
     told = halted(with_robot())
     told.pass_time(3.0)
     stands = [1.0] * 10
-    go(told, *stands, *(x_m + way_m for x_m in stands))
+    go(told, *stands, *(x_m + path_m for x_m in stands))
     assert told.found(Invariant.HALTS) == []
 
 

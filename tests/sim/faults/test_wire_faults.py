@@ -4,7 +4,7 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.exchange import Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Event
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -118,7 +118,7 @@ def test_reordered_messages_all_arrive_and_overtake_each_other(wire):
 
 def test_a_lost_event_is_sent_again(wire):
     wire.fault(FaultKind.LOSE, share=0.9)
-    wire.event.put(Event(robot="r1", plugin="p", event="e", value=7))
+    wire.event.put(PluginEvent(robot="r1", plugin="p", event="e", value=7))
     wire.run(30.0)
     assert wire.heard() == [0]
 

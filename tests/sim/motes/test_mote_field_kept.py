@@ -66,7 +66,7 @@ def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> Non
 
 
 def test_robot_stands_in_before_the_first_mote_is_dead_and_the_floor_stays_covered() -> None:
-    policy = MoteFieldPolicy(stand_ins=1, stand_in_s=60.0, replace_before_s=40.0)
+    policy = MoteFieldPolicy(replacements=1, replacement_s=60.0, replace_before_s=40.0)
     with field(policy, 2, capacity_mah=0.02, used_at_start_max=0.0).team(seed=4) as team:
         team.run_for(100.0, until=lambda: any(one.state is TaskState.RUNNING for one in team.list() if one.by))
         (record,) = [record for record in team.list() if record.by == "mote field"]

@@ -70,12 +70,12 @@ def test_a_robot_speeds_up_no_faster_than_its_wheels_hold():
 def test_a_robot_that_is_carried_off_stands_where_it_is_put_and_its_wheels_have_not_turned():
     space, bodies = team(Pose2D(0.0, 0.0, 0.0), spec=WheelSpec())
     run(space, bodies, 50, [Twist2D(0.5, 0.0, 0.0)])
-    turns_rad, way_m = bodies.turns_rad.tolist(), bodies.bodies[0].distance_m
+    turns_rad, path_m = bodies.turns_rad.tolist(), bodies.bodies[0].distance_m
     bodies.bodies[0].carry_to(Pose2D(3.0, 2.0, 1.0))
     run(space, bodies, 1, [Twist2D(0.0, 0.0, 0.0)])
     assert bodies.bodies[0].pose == Pose2D(3.0, 2.0, 1.0)
     assert bodies.turns_rad.tolist() == turns_rad
-    assert bodies.bodies[0].distance_m == way_m
+    assert bodies.bodies[0].distance_m == path_m
 
 
 def test_contacts_are_those_of_the_last_tick():

@@ -193,9 +193,9 @@ def test_encoders_stand_still_while_a_wall_holds_the_robot(stage):
     one = stage(Pose2D(3.0, 2.0, 0.0))
     one.run(200, r1=Twist2D(0.5))
     one.frames("WheelEncoders")
-    way_m = one.truth().distance_m
+    path_m = one.truth().distance_m
     one.run(100, r1=Twist2D(0.5))
-    assert one.truth().distance_m - way_m < 0.005
+    assert one.truth().distance_m - path_m < 0.005
 
 
 @pytest.mark.slow

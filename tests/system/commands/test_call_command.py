@@ -16,7 +16,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots import plugin_messages
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, Outcome
 from robrain.protocol.messages.robots.host_messages import HOST_COMMAND
-from robrain.protocol.messages.robots.plugin_messages import Event, PluginInfo
+from robrain.protocol.messages.robots.plugin_messages import PluginEvent, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
 from robrain.protocol.wire.session import open_session
@@ -73,7 +73,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Commands]:
 
         def plugins(_request: Request) -> list[PluginInfo]:
             known = [info for function in functions.values() for info in function.infos]
-            finished.put(Event(robot="r1", plugin="drawer", event="finished", value=drawer.pulled))
+            finished.put(PluginEvent(robot="r1", plugin="drawer", event="finished", value=drawer.pulled))
             return [PluginInfo(name="drawer", level="unit", state="active", functions=known)]
 
         finished = wire.publisher(plugin_messages.ROBOT_EVENT, robot="r1", plugin="drawer", event="finished")

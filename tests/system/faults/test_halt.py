@@ -74,7 +74,7 @@ def test_a_halt_holds_robots_until_it_is_resumed_names_those_that_are_lost_and_h
     watcher.wait_until_all_drive()
     # One robot alone, without a coordinator.
     assert run_until(succeeds, "halt", "r1", "--by", "operator:ann").stdout == "r1: halted\n"
-    robots = json.loads(run_until(succeeds, "status", "--json").stdout)["standing"]
+    robots = json.loads(run_until(succeeds, "status", "--json").stdout)["statuses"]
     assert [robot["condition"] for robot in robots] == ["halted", "up"]
     assert "operator:ann" in robots[0]["why"]
     until(lambda: watcher.driven_m(0.5)["r1"] < STANDS_M, "r1 does not come to a stand")

@@ -187,5 +187,5 @@ def test_recording_says_what_is_missing_and_that_no_task_was_lost(hosts: Secured
     # A restart is a note, not a problem: on a busy machine a robot's parts fall silent and are restarted.
     assert [found for found in verdict["findings"] if found["kind"] not in ("gap", "restart")] == []
     assert missing[f"robrain/{TEAM}/robot/r1/state"] >= STATES_MIN
-    standing = {ruling["invariant"]: ruling["standing"] for ruling in verdict["invariants"]}
+    standing = {ruling["invariant"]: ruling["state"] for ruling in verdict["invariants"]}
     assert {standing[name] for name in ("task_kept", "task_at_one", "task_once")} == {"kept"}

@@ -98,7 +98,7 @@ def test_a_robot_goes_by_its_base_station_s_forwarder(commands) -> None:
 
         def motes():
             try:
-                return [row["mote"] for row in told("snw_exploration", "heard")]
+                return [row["mote"] for row in told("snw_exploration", "motes")]
             except CallError:  # its device may not be there yet
                 return []
 

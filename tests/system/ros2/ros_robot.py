@@ -103,7 +103,7 @@ class Listener:
         assert self.truth is not None
         return self.truth.pose.position.x, self.truth.pose.position.y
 
-    def way_m(self, seconds: float) -> float:
+    def path_m(self, seconds: float) -> float:
         """How far the robot is after so long from where it was."""
         x_m, y_m = self.place_m()
         self.spin(seconds)

@@ -116,7 +116,7 @@ def test_a_robot_that_hangs_or_whose_node_dies_is_a_named_fault_and_is_back_when
     until(lambda: runs(team, "mocdevice", "driver"), "the robot is not back")
     assert time.monotonic() - began_s < BACK_S + GRACE_S
     wander(team, 600.0)
-    until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
+    until(lambda: listener.path_m(0.3) > 0.02, "the robot does not drive")
     robot.kill()
     why = until(lambda: fault_of(team, "mocdevice"), "no fault")
     assert "no odometry" in why
@@ -149,25 +149,25 @@ def test_messages_that_cannot_be_are_refused_and_the_wheels_stand_when_the_robot
         _refused(odometry, message, lambda: called(team, "driver", "bus_counters")["rejected"])
     for turn in turns:
         _refused(scans, turn, lambda: called(team, "scan", "rejected"))
-    assert "expected" in team.call("r1", "scan", "why_rejected")
+    assert "expected" in team.call("r1", "scan", "rejection")
     wander(team, 600.0)
-    until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
+    until(lambda: listener.path_m(0.3) > 0.02, "the robot does not drive")
     assert runs(team, "mocdevice", "scan")
     zeros: list[bool] = []
     listener.node.create_subscription(Twist, "/r1/cmd_vel", lambda each: zeros.append(each == Twist()), 10)
     assert team.halt("r1").confirmed == ("r1",)
     listener.spin(0.8)
-    assert listener.way_m(1.0) < 0.001
+    assert listener.path_m(1.0) < 0.001
     zeros.clear()
     # More than a stop is repeated: for as long as the robot is halted.
     assert listener.spin(30.0, lambda: len(zeros) > 2 * ZEROS)
     assert all(zeros)
     assert team.resume("r1").confirmed == ("r1",)
     wander(team, 600.0)
-    until(lambda: listener.way_m(0.3) > 0.02, "the robot does not drive")
+    until(lambda: listener.path_m(0.3) > 0.02, "the robot does not drive")
     agent.send_signal(signal.SIGKILL)
     listener.spin(1.5)
-    assert listener.way_m(0.5) < 0.001
+    assert listener.path_m(0.5) < 0.001
 
 
 def _odometry_at(x_m, w=1.0):

@@ -265,9 +265,9 @@ def test_what_cannot_be_is_rejected_and_counted(robot):
         robot.link.inboxes["/r1/battery_state"].put(message, 0)
     robot.run(0.1)
     assert robot.one.call("scan", "rejected") == 3
-    assert "expected 1 to" in robot.one.call("scan", "why_rejected")
+    assert "expected 1 to" in robot.one.call("scan", "rejection")
     assert robot.one.call("bm2", "rejected") == 2
-    assert "give current_a" in robot.one.call("bm2", "why_rejected")
+    assert "give current_a" in robot.one.call("bm2", "rejection")
     assert robot.one.call("scan", "nearest_m") is None
     assert robot.one.call("bm2", "latest") is None
 
@@ -347,7 +347,7 @@ def test_turn_rates_go_to_the_odometry_in_the_robots_frame_and_in_order(build):
     latest = robot.one.call("imu", "latest")
     assert (latest["forward_m_s2"], latest["left_m_s2"]) == (pytest.approx(-1.0), pytest.approx(2.0))
     assert robot.one.call("imu", "rejected") == 1
-    assert "expected a rate up to 40 rad/s" in robot.one.call("imu", "why_rejected")
+    assert "expected a rate up to 40 rad/s" in robot.one.call("imu", "rejection")
 
 
 def test_an_imu_that_contradicts_the_wheels_is_a_fault_that_says_why(robot):

@@ -132,7 +132,7 @@ def test_arrival_is_told_and_the_robot_stands(robot):
     robot.driver.follow([Point2D(1.0, 0.0)])
     robot.nav2.end(GoalState.ARRIVED)
     robot.run(0.2)
-    assert robot.driver.motion() is Motion.STANDING
+    assert robot.driver.motion() is Motion.STOPPED
 
 
 def test_an_action_ends_with_its_goal(robot):
@@ -158,13 +158,13 @@ def test_a_goal_that_fails_blocks_the_robot_and_is_sent_again_until_its_patience
         robot.nav2.end(GoalState.FAILED, "Nav2 does not get there: error 204")
         robot.run(0.3)
         assert robot.driver.motion() is Motion.BLOCKED
-        assert robot.driver.blocked_why() == "Nav2 does not get there: error 204"
+        assert robot.driver.blocked_reason() == "Nav2 does not get there: error 204"
         robot.run(0.9)
     robot.nav2.end(GoalState.FAILED, "Nav2 does not get there: error 204")
     robot.run(0.9)
     assert len(robot.nav2.goals) == 3
     assert robot.ends() == [("failed", "Nav2 does not get there: error 204, for 3 s")]
-    assert robot.driver.motion() is Motion.STANDING
+    assert robot.driver.motion() is Motion.STOPPED
 
 
 def test_a_robot_that_moves_on_is_not_blocked_any_more(robot):
@@ -182,7 +182,7 @@ def test_a_robot_that_is_to_stand_cancels_its_goal(robot, stop):
     robot.driver.follow([Point2D(2.0, 0.0)])
     stop(robot)
     assert robot.nav2.cancelled == 1
-    assert robot.driver.motion() is Motion.STANDING
+    assert robot.driver.motion() is Motion.STOPPED
 
 
 def test_a_halt_cancels_the_goal_and_the_action_and_holds_the_wheels(robot):
@@ -194,7 +194,7 @@ def test_a_halt_cancels_the_goal_and_the_action_and_holds_the_wheels(robot):
     assert robot.link.heard["/cmd_vel"].messages[-1].linear.x == 0.0
     robot.one.halt(halted=False)
     robot.run(0.3)
-    assert robot.driver.motion() is Motion.STANDING
+    assert robot.driver.motion() is Motion.STOPPED
 
 
 def test_at_the_end_the_goal_is_cancelled_and_the_node_released(robot):
