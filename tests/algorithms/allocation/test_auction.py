@@ -15,13 +15,7 @@ from robrain.algorithms.allocation.auction import (
     queue_nearest,
 )
 from robrain.algorithms.allocation.explain import FITS, judge_visit
-from robrain.algorithms.allocation.insertion import (
-    BY_ENERGY,
-    BY_FINISH,
-    BY_LEAST_LEFT,
-    RouteBatch,
-    empty_routes,
-)
+from robrain.algorithms.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, RouteBatch, empty_routes
 from robrain.algorithms.allocation.problem import TeamArrays, VisitArrays
 
 HORIZON_S = 2000.0
@@ -172,9 +166,7 @@ def test_bids_are_worked_out_anew_where_waits_are_short(seed: int, choice: int) 
         horizon_s=team.horizon_s * shorter,
     )
     visits = visits._replace(
-        service_s=visits.service_s * shorter,
-        earliest_s=visits.earliest_s * shorter,
-        latest_s=visits.latest_s * shorter,
+        service_s=visits.service_s * shorter, earliest_s=visits.earliest_s * shorter, latest_s=visits.latest_s * shorter
     )
     _assert_as_plain(team, visits, BY_FINISH, choice)
 

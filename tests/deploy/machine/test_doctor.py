@@ -94,11 +94,7 @@ def test_router_that_answers(endpoints) -> None:
 
 
 def test_router_that_cannot_be_reached(free) -> None:
-    wrong(
-        doctor.check_router([f"tcp/127.0.0.1:{free}"]),
-        CheckName.ROUTER,
-        f"nobody listens at tcp/127.0.0.1:{free}",
-    )
+    wrong(doctor.check_router([f"tcp/127.0.0.1:{free}"]), CheckName.ROUTER, f"nobody listens at tcp/127.0.0.1:{free}")
 
 
 @pytest.mark.slow
@@ -205,9 +201,7 @@ def test_name_that_another_machine_has_and_the_robots_own(tmp_path) -> None:
     assert team_checks.check_name_free("r1", [], "here", tmp_path).ok
     assert team_checks.check_name_free("r1", [info], "here", tmp_path).ok
     wrong(
-        team_checks.check_name_free("r1", [info], "there", tmp_path),
-        CheckName.NAME,
-        "another machine has the name r1",
+        team_checks.check_name_free("r1", [info], "there", tmp_path), CheckName.NAME, "another machine has the name r1"
     )
 
 
@@ -366,11 +360,7 @@ def test_machine_that_may_start_its_parts(tmp_path, free) -> None:
 
 def test_map_that_is_missing(tmp_path, free) -> None:
     (tmp_path / "mine.toml").write_text('[scenario]\nname = "mine"\n[map]\nfile = "gone.yaml"\n')
-    wrong(
-        failed(doctor.examine_host(team_file(tmp_path, free, "mine.toml"), None)),
-        CheckName.MAP,
-        "gone.yaml",
-    )
+    wrong(failed(doctor.examine_host(team_file(tmp_path, free, "mine.toml"), None)), CheckName.MAP, "gone.yaml")
 
 
 def test_robot_that_the_scenario_does_not_have(tmp_path, free) -> None:
