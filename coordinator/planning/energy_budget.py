@@ -32,7 +32,8 @@ DOCK_S = 10.0
 """Approximate time to dock; robots assume the same."""
 CHARGED_SHARE = 0.95
 """Share of the expected energy of a charge that plans count on before it is in the battery (chosen)."""
-HALVINGS = 40
+SECANT_STEPS = 4
+"""Steps of the secant method. A bound grows almost linearly with its mean, so a few suffice."""
 
 
 def capacity_j(battery: BatteryState) -> float:
@@ -101,15 +102,17 @@ def mean_within(model: EnergyModel, bound_j: float, waits_s: float, confidence: 
     """
     if bound_j <= 0:
         return bound_j
-    low_j, high_j = 0.0, bound_j
     profile = profile_of(model, 1.0)
-    for _ in range(HALVINGS):
-        mean_j = 0.5 * (low_j + high_j)
-        if max(_bound_j(model, profile, mean_j, wait_s, confidence) for wait_s in (0.0, waits_s)) <= bound_j:
-            low_j = mean_j
-        else:
-            high_j = mean_j
-    return low_j
+
+    def worst_j(mean_j: float) -> float:
+        return max(_bound_j(model, profile, mean_j, wait_s, confidence) for wait_s in (0.0, waits_s))
+
+    margin_j = worst_j(bound_j) - bound_j
+    mean_j = max(0.0, bound_j - margin_j)
+    for _ in range(SECANT_STEPS if margin_j > 0 else 0):
+        unused_j = bound_j - worst_j(mean_j)
+        mean_j += (bound_j - mean_j) * unused_j / (margin_j + unused_j)
+    return max(0.0, mean_j - max(0.0, worst_j(mean_j) - bound_j))
 
 
 def _bound_j(model: EnergyModel, profile: Profile, mean_j: float, waits_s: float, confidence: float) -> float:
