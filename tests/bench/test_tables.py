@@ -68,7 +68,7 @@ def test_missed_bounds_are_listed_with_why() -> None:
     new = filled(page, RESULTS, Known({("tasks", "a step"): "half a core short"}, {}))
     assert "| Tasks | a step | 3 ms | ≤ 2 ms | half a core short |" in new
     assert f"2 figures in 1 of {len(SECTIONS)} sections" in new
-    assert "1 have a bound, 0 of those are kept, 1 are missed, 0 were measured beside other work" in new
+    assert "Of 1 bounds, 0 are kept and 1 missed. 0 figures were measured beside other work" in new
     assert "| not known yet |" in filled(page, RESULTS, NOTHING)
 
 

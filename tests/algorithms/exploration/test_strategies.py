@@ -132,7 +132,7 @@ def test_names_of_earlier_versions_are_still_read() -> None:
 
 def test_the_strategy_of_the_how_to_sends_robots_where_most_is_unknown(install) -> None:
     page = Path(__file__).parents[3] / "docs" / "how-to" / "extend-planning.md"
-    _pass, code = re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    code = re.findall(r"^```python\n(# widest.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)[0]
     install("widest", {"widest": "widest:widest"}, {"widest.py": code}, group="robrain.exploration_strategies")
     STRATEGIES.__init__(STRATEGIES.what, STRATEGIES.group, _stock(), has_files=True)  # type: ignore[misc]
     try:

@@ -101,7 +101,7 @@ def test_a_robots_command_calls_the_robots_plugins(stage):
     robot = host.manager.get("command").plugin
     assert robot.execute("call teammates others()") == "ok []"
     assert robot.execute("call tcp_socket int.port()") == "ok 0"
-    assert robot.execute("call driver motion()") == "ok standing"
+    assert robot.execute("call driver motion()") == "ok stopped"
     assert robot.execute("call command execute(list)").startswith("error forbidden: ")  # nor does it call itself
     assert robot.plugins() == robot.execute("list").removeprefix("ok ")
     host.manager.halt()
