@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS, cells_of, geometry_of, inflated
 from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX, TILE_CELLS, Submap, SubmapStep
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.protocol.clock import clock_difference_ns
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, cells_of, geometry_of, inflated
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame

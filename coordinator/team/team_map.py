@@ -65,9 +65,9 @@ class TeamMap:
             self._held.append((patch, now_ns))
             return ""
         # Imported here: they load the map's kernels, which a coordinator does once it is up (coordinator/live.py).
+        from robrain.algorithms.mapping.patch_cells import MAX_CELLS, geometry_of
         from robrain.algorithms.slam.map_patch import in_own_time, merge_message
         from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-        from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, geometry_of
 
         try:
             if now_ns is not None:

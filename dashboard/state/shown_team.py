@@ -4,12 +4,12 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from robrain.algorithms.mapping.patch_cells import cells_of
 from robrain.dashboard.state.shown_robot import ShownMote, ShownRecorder, ShownRobot
 from robrain.dashboard.state.task_board import TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ROBOT_MAP, ExplorationLeft, MapPatch
-from robrain.protocol.messages.maps.patch_cells import cells_of
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord, PluginEvent

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS, geometry_of
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, geometry_of
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 
 if TYPE_CHECKING:  # loads kernels

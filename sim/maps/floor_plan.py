@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from robrain.protocol.messages.maps.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.geometry import Point2D
 
 

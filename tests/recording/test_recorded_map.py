@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS
 from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.maps.patch_cells import MAX_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.recording.drawing.drawn_map import ComposedMap

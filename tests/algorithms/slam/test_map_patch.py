@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS, OCCUPIED_MAX
 from robrain.algorithms.slam import submap_atlas
 from robrain.algorithms.slam.map_patch import (
     MESSAGE_CELLS_MAX,
@@ -22,7 +23,6 @@ from robrain.algorithms.slam.map_patch import (
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.messages.maps.patch_cells import MAX_CELLS, OCCUPIED_MAX
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame

@@ -254,7 +254,7 @@ def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("duration_s", "period_s"), [(0.05, 0.013), (0.1, 0.011), (1.0, 0.4)])
+@pytest.mark.parametrize(("duration_s", "period_s"), [(0.5, 0.013), (1.0, 0.4)])
 def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration_s, period_s):
     receiver, sender = clients(), clients()
     task = sender.send_periodic(can.Message(arbitration_id=9), period_s, duration_s)

@@ -5,10 +5,10 @@ import pytest
 import zenoh
 
 from robrain import Scenario
+from robrain.algorithms.mapping.patch_cells import cells_of, geometry_of
 from robrain.protocol.clock import LiveClock, VirtualClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.patch_cells import cells_of, geometry_of
 from robrain.protocol.messages.team.arena_messages import ARENA_PREPARATION
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.wire.endpoint import Drive, Endpoint

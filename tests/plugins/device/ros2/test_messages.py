@@ -9,7 +9,7 @@ from robrain.plugins.device.imu import ImuMotion
 from robrain.plugins.device.ros2.ros2_base import read_odometry
 from robrain.plugins.device.ros2.ros2_battery import read_battery
 from robrain.plugins.device.ros2.ros2_imu import read_imu
-from robrain.plugins.device.ros2.ros2_scan import ScanReader
+from robrain.plugins.device.ros2.scan_reader import ScanReader
 from robrain.plugins.device.ros2.topic_device import BadMessage
 from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.model.geometry import Pose2D, Twist2D

@@ -1,4 +1,4 @@
-"""Cells that a map patch carries, and their grid. Not in `map_messages`: a plain install has no numpy."""
+"""Cells that a map patch carries, and their grid."""
 
 import zlib
 from typing import Any
