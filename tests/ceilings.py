@@ -22,7 +22,7 @@ MERGED_LINES_MAX = 600
 
 APART = {
     "deploy/supervision/guard.py": "it is the script of a separate process",
-    "plugins/device/ros2/scan_reader.py": "it needs numpy, but an error is to name ROS, which `ros2_scan.py` imports first",
+    "plugins/device/ros2/scan_reader.py": "it needs numpy; errors are to name ROS, which is imported first",
     "recording/invariants/robot_invariants.py": "`judging.py` has the judges of robots and of tasks",
 }
 """Files that are not in their importer, with the reason."""
