@@ -53,9 +53,9 @@ def test_each_strategy_explores_a_floor(strategy: str) -> None:
 
 
 def test_equal_seeds_give_equal_digests() -> None:
-    one, other = (arena(seed=5).run(time_limit_s=8.0) for _ in range(2))
+    one, other = (arena(seed=5).run(time_limit_s=3.0) for _ in range(2))
     assert one.digest == other.digest
-    assert one.digest != arena(seed=6).run(time_limit_s=8.0).digest
+    assert one.digest != arena(seed=6).run(time_limit_s=3.0).digest
 
 
 def test_energy_follows_the_model() -> None:
