@@ -66,7 +66,7 @@ class Answering(Generic[AskedT]):
         return len(self._threads)
 
     def close(self, timeout_s: float) -> None:
-        """Wait for the threads to end, after `receive` has nothing more; those that are stuck are reported."""
+        """Wait for the threads to end, after `receive` has nothing more. Threads that do not end are reported."""
         close_threads(self._threads, timeout_s)
 
     def _begin(self) -> None:

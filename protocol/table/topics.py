@@ -1,4 +1,4 @@
-"""The table of topics: collects the rows of all keys, which stand beside their messages.
+"""The table of topics: collects the rows that the modules of messages define.
 
 Recorder, replay, documentation and access rules are derived from it. Another distribution adds rows by an entry point,
 which names a module with rows or a sequence of rows:
@@ -64,7 +64,7 @@ def topic_of(key: str) -> tuple[Topic[Any], dict[str, str]] | None:
 
 
 def _refusal(row: WireKey, found: dict[str, WireKey]) -> str:
-    """Why a row cannot stand in the table, as text; empty if it can."""
+    """Why the table refuses a row, as text; empty if it accepts the row."""
     if row.name in found:
         return f"{found[row.name].pattern} has the name {row.name}"
     if other := next(filter(row.intersects, found.values()), None):

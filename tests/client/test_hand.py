@@ -19,7 +19,7 @@ def test_robot_drives_for_the_time_that_is_asked_and_is_given_back(team):
         hand.drive(0.6, yaw_rad_s=0.5)
         turned_rad = team.call("r1", "driver", "pose")["yaw_rad"] - before
         assert 0.1 < turned_rad < 0.4
-        assert team.call("r1", "driver", "acquire_hand_lease", "bob")["lease"] > 0  # nobody holds it any more
+        assert team.call("r1", "driver", "acquire_hand_lease", "bob")["lease"] > 0  # the lease is free again
 
 
 def test_only_one_drives_at_a_time(team):

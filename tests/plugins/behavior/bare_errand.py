@@ -47,7 +47,7 @@ class BareErrand:
     def __init__(self, *chargers: ChargerPlace) -> None:
         self.clock = VirtualClock(to_ns(1000.0))
         self.at = Pose2D(0.0, 0.0, 0.0)
-        self.mates: list[NearbyRobot] = []
+        self.others: list[NearbyRobot] = []
         self.soc, self.charging = 0.5, False
         self.usable_j, self.usual_power_w = 6000.0, 10.0
         self.planned: list[Point2D] = []
@@ -104,9 +104,9 @@ class BareErrand:
 
     def _others(self, place: Point2D, near_m: float) -> list[NearbyRobot]:
         return [
-            mate
-            for mate in self.mates
-            if min(mate.pose.distance_m(place), math.dist((mate.bound.x_m, mate.bound.y_m), (place.x_m, place.y_m)))
+            other
+            for other in self.others
+            if min(other.pose.distance_m(place), math.dist((other.bound.x_m, other.bound.y_m), (place.x_m, place.y_m)))
             <= near_m
         ]
 
@@ -125,7 +125,7 @@ class BareErrand:
         self.made_room += 1
 
 
-def mate(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fields: Any) -> NearbyRobot:
+def other(name: str, x_m: float, y_m: float, bound: Point2D | None = None, **fields: Any) -> NearbyRobot:
     """Another robot that stands, or drives to a place."""
     return NearbyRobot(
         name=name,

@@ -30,7 +30,7 @@ from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from tests.plugins.behavior.bare_errand import BareErrand, mate, run
+from tests.plugins.behavior.bare_errand import BareErrand, other, run
 
 WANTED, NEAR, FAR = ChargerPlace(5.0, 0.0), ChargerPlace(2.0, 0.0), ChargerPlace(9.0, 0.0)
 AWAY = Point2D(50.0, 50.0)
@@ -50,17 +50,17 @@ def test_wanted_charger_is_chosen_while_nobody_has_it_whatever_is_nearer():
 
 def test_nearest_that_nobody_has_takes_the_place_of_one_that_is_taken():
     errand, one = queue(FAR, NEAR)
-    errand.mates = [mate("r1", 5.0, 0.1)]
+    errand.others = [other("r1", 5.0, 0.1)]
     assert one.choose() == NEAR
-    errand.mates.append(mate("r2", 2.0, 0.0))
+    errand.others.append(other("r2", 2.0, 0.0))
     assert one.choose() == FAR
-    errand.mates.append(mate("r3", 9.0, 0.0))
+    errand.others.append(other("r3", 9.0, 0.0))
     assert one.choose() is None
 
 
 def test_charger_that_home_knows_as_well_is_not_counted_twice():
     errand, one = queue(ChargerPlace(5.3, 0.0))
-    errand.mates = [mate("r1", 5.0, 0.0)]
+    errand.others = [other("r1", 5.0, 0.0)]
     assert one.choose() is None
 
 
@@ -127,10 +127,10 @@ def test_trouble_on_the_way_leaves_the_charger_out_and_the_robot_stands(trouble)
 def test_charger_that_a_mate_takes_meanwhile_is_not_left_out_but_not_driven_to_either():
     errand, one = queue()
     errand.progress = [TravelState.MOVING] * 5
-    errand.mates = [mate("r1", 5.0, 0.0)]
+    errand.others = [other("r1", 5.0, 0.0)]
     assert run(one.reach(WANTED)) == {}
     assert errand.stands == 1
-    errand.mates = []
+    errand.others = []
     assert one.choose() == WANTED
 
 
@@ -138,7 +138,7 @@ def test_charger_that_a_mate_takes_meanwhile_is_not_left_out_but_not_driven_to_e
 
 
 def waits(name="r1", endurance_s=100.0):
-    return mate(name, 3.0, 3.0, AWAY, behavior="recharge", endurance_s=endurance_s)
+    return other(name, 3.0, 3.0, AWAY, behavior="recharge", endurance_s=endurance_s)
 
 
 @pytest.mark.parametrize(
@@ -155,16 +155,16 @@ def waits(name="r1", endurance_s=100.0):
 def test_robot_makes_room_for_one_that_lasts_so_much_less(mine_s, theirs_s, gives):
     errand, one = queue()
     errand.board.energy.usable_j = 10.0 * mine_s
-    errand.mates = [waits(endurance_s=theirs_s), waits("r2", 5000.0)]
+    errand.others = [waits(endurance_s=theirs_s), waits("r2", 5000.0)]
     assert one.must_give(WANTED) is gives
 
 
 def test_robot_keeps_its_place_while_nobody_waits_or_its_own_energy_is_not_known():
     errand, one = queue()
     assert not one.must_give(WANTED)
-    errand.mates = [mate("r1", 3.0, 3.0, AWAY, behavior="explore", endurance_s=1.0)]
+    errand.others = [other("r1", 3.0, 3.0, AWAY, behavior="explore", endurance_s=1.0)]
     assert not one.must_give(WANTED)
-    errand.mates = [waits()]
+    errand.others = [waits()]
     assert one.must_give(WANTED)
     errand.board.energy = None
     assert not one.must_give(WANTED)
@@ -178,7 +178,7 @@ def test_of_those_who_charge_the_one_that_lasts_longest_makes_room_and_by_name_i
     name, endurance_s, gives
 ):
     errand, one = queue(NEAR)
-    errand.mates = [waits(), mate(name, 2.0, 0.0, behavior="recharge", endurance_s=endurance_s)]
+    errand.others = [waits(), other(name, 2.0, 0.0, behavior="recharge", endurance_s=endurance_s)]
     assert one.must_give(WANTED) is gives
 
 
@@ -204,13 +204,13 @@ def test_place_that_is_too_near_to_a_charger_or_to_mates_or_where_they_go_is_pas
     errand, one = queue(ChargerPlace(3.5, 0.0))
     # The nearest charger is now the other one; its two nearest places are taken.
     nearest = Point2D(3.5 - ASIDE_M[1], 0.0)
-    errand.mates = [mate("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01)]
+    errand.others = [other("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01)]
     run(one.move_aside())
     assert errand.gone[0] != nearest
-    errand.mates = [mate("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M + 0.01)]
+    errand.others = [other("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M + 0.01)]
     run(one.move_aside())
     assert errand.gone[1].x_m == pytest.approx(nearest.x_m)
-    errand.mates = [mate("r1", 3.0, 4.0, Point2D(nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01))]
+    errand.others = [other("r1", 3.0, 4.0, Point2D(nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01))]
     run(one.move_aside())
     assert errand.gone[2].x_m != pytest.approx(nearest.x_m)
     for place in errand.gone:
@@ -231,7 +231,7 @@ def test_place_that_cannot_be_reached_is_passed_over_and_without_any_the_robot_s
 def test_robot_at_a_charger_that_others_have_waits_aside_of_it():
     errand, one = queue(ChargerPlace(5.0, 0.9))
     errand.at = Pose2D(5.0, 0.3, 0.0)
-    errand.mates = [mate("r1", 5.0, 0.0), mate("r2", 5.0, 0.9)]
+    errand.others = [other("r1", 5.0, 0.0), other("r2", 5.0, 0.9)]
     run(one.wait(), 3)
     (place,) = errand.gone
     assert all(math.dist((place.x_m, place.y_m), (5.0, y_m)) >= CLEAR_M for y_m in (0.0, 0.9))
@@ -252,14 +252,14 @@ def test_robot_that_does_not_get_aside_stands_where_it_is():
 def test_robot_waits_and_makes_room_until_a_charger_is_free_or_all_are_left_out():
     errand, one = queue()
     errand.at = Pose2D(3.0, 0.0, 0.0)
-    errand.mates = [mate("r1", 5.0, 0.0)]
+    errand.others = [other("r1", 5.0, 0.0)]
     script = one.wait()
     assert run(script, 4) is ...
     assert (errand.made_room, errand.stands) == (4, 0)
-    errand.mates = []
+    errand.others = []
     assert run(script) is None
     assert (errand.made_room, errand.stands) == (4, 1)
-    errand.mates = [mate("r1", 5.0, 0.0)]
+    errand.others = [other("r1", 5.0, 0.0)]
     one.leave_out(WANTED, "of no use")
     assert run(one.wait(), 5) is None
 

@@ -21,7 +21,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState
-from tests.plugins.behavior.bare_errand import mate, run
+from tests.plugins.behavior.bare_errand import other, run
 from tests.plugins.behavior.bare_recharge import CHARGER, RESERVE_S, BareRecharge
 
 
@@ -51,7 +51,7 @@ def test_robot_with_just_enough_for_the_way_and_the_reserve_stays_and_with_less_
 
 def test_while_others_have_all_chargers_it_keeps_what_the_queue_takes_as_well():
     robot = BareRecharge(CHARGER)
-    robot.errand.mates = [mate("r1", 4.0, 0.0)]
+    robot.errand.others = [other("r1", 4.0, 0.0)]
     robot.has(RESERVE_S + QUEUE_S, 4.0)
     robot.guard()
     assert robot.it.run is None
@@ -115,7 +115,7 @@ def test_way_home_is_planned_again_only_when_its_bound_is_not_enough_or_other_ch
     robot.guard()
     assert robot.ways_home == 2
     robot.has(RESERVE_S + QUEUE_S, 6.0)
-    robot.errand.mates = [mate("r1", 4.0, 0.0)]
+    robot.errand.others = [other("r1", 4.0, 0.0)]
     robot.guard()
     assert robot.ways_home == 3
     robot.guard()
@@ -195,7 +195,7 @@ def test_halted_robot_does_not_want_home_any_more():
     ("change", "leaves"),
     [
         (lambda robot: None, True),
-        (lambda robot: robot.errand.mates.clear(), False),
+        (lambda robot: robot.errand.others.clear(), False),
         (lambda robot: setattr(robot.errand, "at", Pose2D(3.49, 0.0, 0.0)), False),
         (lambda robot: setattr(robot.errand, "at", Pose2D(3.5, 0.0, 0.0)), True),
         (lambda robot: setattr(robot.board, "pose", None), False),
@@ -208,7 +208,7 @@ def test_halted_robot_does_not_want_home_any_more():
 def test_robot_that_needs_its_charger_no_more_leaves_it_to_a_mate_that_waits(change, leaves):
     robot = BareRecharge(CHARGER)
     robot.errand.at = Pose2D(4.0, 0.0, 0.0)
-    robot.errand.mates = [mate("r1", 2.0, 3.0, Point2D(9.0, 9.0), behavior="recharge")]
+    robot.errand.others = [other("r1", 2.0, 3.0, Point2D(9.0, 9.0), behavior="recharge")]
     change(robot)
     robot.it.step()
     assert (robot.it.run is not None) is leaves
@@ -370,7 +370,7 @@ def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
     robot.errand.progress = []
     robot.it._charged_j = 99.0
     assert run(robot.it.play(TASK, WANTED)) == {"soc": 0.9}
-    # The one that it gave up is the mate's for now: it went to the other one, aside of the first in between.
+    # The one that it gave up is the other's for now: it went to the other one, aside of the first in between.
     goals = [goal for goal, _ in robot.errand.set_out]
     assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
     assert robot.it._charged_j == 0.0

@@ -142,7 +142,7 @@ from robrain.protocol.topic import Role, Topic
 ROWS = (
     Topic("robot/{robot}/state/more", "its name is taken", RobotState, alias="robot_state"),
     Topic("robot/{any}/path", "its keys are taken", RobotState, alias="way"),
-    Topic("patrol/{robot}/state", "nobody owns it", RobotState),
+    Topic("patrol/{robot}/state", "a row without an owner", RobotState),
     ROBOT_STATE,
     Topic("patrol/{robot}/mood", "good", RobotState, role=Role.ROBOT),
 )
