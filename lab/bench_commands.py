@@ -15,6 +15,7 @@ BENCHES = {
     "exploration": "exploration strategies and team sizes on map files: full runs beside points",
     "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
     "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
+    "estimates": "accuracy of estimates: predicted ends and energies of tasks beside the real ones",
     "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
 }
 """Name, and subject of the measurement."""
@@ -157,6 +158,21 @@ def motes(
     from robrain.lab.bench.motes import choose, run_bench
 
     run_bench(choose(methods, seeds, count, tours_per_day, goal_days, jobs), json_file)
+
+
+@bench_app.command(help=BENCHES["estimates"])
+def estimates(
+    scenarios: Annotated[str, typer.Option(help="Built-in scenarios, separated by commas.")] = "depot,office,hospital",
+    robots: RobotsOption = "4,8",
+    seeds: SeedsOption = "101-102",
+    tasks: Annotated[int, typer.Option(help="Number of tasks in each run.", min=1)] = 42,
+    jobs: JobsOption = 1,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Measure how well ends and energies of tasks are predicted."""
+    from robrain.lab.bench.estimates import choose, run_bench
+
+    run_bench(choose(scenarios, robots, seeds, tasks, jobs), jobs, json_file)
 
 
 @bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")

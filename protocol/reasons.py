@@ -280,13 +280,17 @@ class HolderLacksEnergy(Reason, frozen=True, tag="holder_lacks_energy"):
 class NearestOut(Reason, frozen=True, tag="nearest_out"):
     """No robot can do it: why the one cannot that comes nearest to being able to."""
 
-    sentence = "{robot}, which comes nearest: {because}"
+    sentence = "no robot can do it. {robot} is nearest: it {because}"
 
     robot: Name
     because: RobotReason
 
 
 PlanReason = HolderLacksEnergy | NearestOut | PlainReason
+
+
+NO_WAY_AND_BACK = "no_way_and_back"
+"""Kind of the reason that a robot has no path to a task's place and then to a charger."""
 
 
 def after_undone(task: str) -> PlainReason:
@@ -311,7 +315,7 @@ class MinorityReached(Reason, frozen=True, tag="minority_reached"):
 class PlanLeavesOut(Reason, frozen=True, tag="plan_leaves_out"):
     """By the plan no robot is to do it."""
 
-    sentence = "the plan leaves it out: {because}"
+    sentence = "{because}"
 
     because: PlanReason
 

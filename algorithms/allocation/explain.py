@@ -1,7 +1,7 @@
 """Reasons for a plan: for each job, its cost for each robot, or why the robot is excluded."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from robrain.algorithms.allocation.problem import (
 from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.reasons import (
+    NO_WAY_AND_BACK,
     BelowReserve,
     LacksEnergy,
     NearestOut,
@@ -46,8 +47,9 @@ def explain(
 ) -> list[TaskDecision]:
     """Return the decisions of a plan.
 
-    Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place. A
-    robot that does the job is evaluated without it. Jobs that others wait for keep their windows.
+    Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place: the
+    path from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait
+    for keep their windows.
 
     Args:
         problem: the problem.
@@ -71,20 +73,22 @@ def explain(
     for name in [job.id for job in problem.jobs] if jobs is None else jobs:
         index = problem.job_index[name]
         job, done_by = problem.jobs[index], stops.get(name, [])
-        robots, bids = tuple(worker for worker, _ in done_by), list[RobotVerdict]()
+        robots, bids, more_j = tuple(worker for worker, _ in done_by), list[RobotVerdict](), dict[str, float]()
         reason: PlanReason | None
         if job.pinned_to:
             reason = left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to)
         else:
             former = _remove_job(problem, arrays, routes, index)
-            bids = [
-                _bid(problem, arrays, routes, worker, job, visit_of[index]) for worker in range(len(problem.workers))
-            ]
-            for worker, order in former.items():
-                routes.order[worker, : len(order)] = order
-                routes.length[worker] = len(order)
-                refresh(arrays.team, arrays.visits, routes, worker)
-            reason = _choice_reason(robots, bids) if robots else left_out.get(name)
+            for row, worker in enumerate(problem.workers):
+                judged = judge(arrays, routes, row, visit_of[index])
+                bids.append(_bid(problem, arrays, routes, row, job, judged))
+                if judged.code == FITS:
+                    more_j[worker.name] = judged.more_j
+            for row, order in former.items():
+                routes.order[row, : len(order)] = order
+                routes.length[row] = len(order)
+                refresh(arrays.team, arrays.visits, routes, row)
+            reason = _choice_reason(robots, more_j) if robots else left_out.get(name)
         decisions.append(
             TaskDecision(
                 task=name,
@@ -128,17 +132,29 @@ def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, ind
     return former
 
 
-def _bid(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, visit: int) -> RobotVerdict:
+def _bid(
+    problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int, job: Job, judged: "Judgement"
+) -> RobotVerdict:
     worker = problem.workers[index]
-    judged = judge(arrays, routes, index, visit)
     if judged.code != FITS:
         return RobotVerdict.judged(worker.name, exclusion(judged, worker, job, problem.horizon_s))
-    return RobotVerdict(robot=worker.name, energy_j=round(judged.more_j, 3), time_s=round(judged.more_s, 3))
+    before = routes.order[index, judged.position - 1]
+    place = arrays.visits.place[before] if judged.position else arrays.team.start[index]
+    path = worker.profile, place, job.place
+    arrives_in_s = routes.leave_s[index, judged.position] + problem.time_s[path]
+    left_j = max(0.0, judged.left_j + worker.reserve_j)
+    return RobotVerdict(
+        robot=worker.name,
+        path_m=None if problem.length_m is None else round(float(problem.length_m[path[1:]]), 2),
+        energy_j=round(float(problem.energy_j[path]) + job.service_j, 3),
+        arrives_in_s=round(float(arrives_in_s), 3),
+        left_soc=round(min(1.0, left_j / worker.capacity_j), 4) if worker.capacity_j > 0 else None,
+    )
 
 
-def _choice_reason(robots: tuple[str, ...], bids: Sequence[RobotVerdict]) -> PlainReason:
-    """Whether they are the cheapest robots, or the plan as a whole is cheaper this way."""
-    costs = sorted((bid.energy_j, bid.robot) for bid in bids if bid.energy_j is not None)
+def _choice_reason(robots: tuple[str, ...], more_j: Mapping[str, float]) -> PlainReason:
+    """Whether they are the robots that add least to their routes, or the plan as a whole is cheaper this way."""
+    costs = sorted((cost_j, robot) for robot, cost_j in more_j.items())
     cheapest = {worker for _, worker in costs[: len(robots)]}
     names = " and ".join(robots)
     if set(robots) <= cheapest:
@@ -232,7 +248,7 @@ def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) 
                 return plain("forbidden", "is not to be given it")
             return plain("not_ready", "has to charge first, and others can do it now")
         case code if code == NO_PATH:
-            return plain("no_way_and_back", "no way there and to a charger")
+            return plain(NO_WAY_AND_BACK, "cannot reach it and then a charger")
         case code if code == TOO_LATE:
             start_s = _figure(judgement.start_s)
             text = f"cannot be there before {start_s:.0f} s"
@@ -246,7 +262,7 @@ def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) 
             text += f" and at a charger by {horizon_s:.0f} s"
             return plain("too_late_home", text, start_s=start_s, horizon_s=horizon_s)
         case code if code == CROWDED:
-            return plain("crowded", "another of its jobs would be too late")
+            return plain("crowded", "would be late at another of its tasks")
     if worker.capacity_j > 0:
         left = max(0.0, (judgement.left_j + worker.reserve_j) / worker.capacity_j)
         return BelowReserve(_figure(left), _figure(worker.reserve_j / worker.capacity_j))

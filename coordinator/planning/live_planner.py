@@ -43,6 +43,16 @@ class PlanRequest(NamedTuple):
     policy: PlanningPolicy
 
 
+class Supposition(NamedTuple):
+    """A request for the plan that would follow from one more task; nothing is executed."""
+
+    number: int
+    snapshot: Snapshot
+    policy: PlanningPolicy
+    task: str
+    """The task, whose decision is explained."""
+
+
 class Ready(msgspec.Struct, frozen=True, tag=True):
     """The process accepts requests."""
 
@@ -65,7 +75,15 @@ class Done(msgspec.Struct, frozen=True, tag=True):
     number: int
 
 
-Reply = Ready | Made | PlanFailed | Done
+class Supposed(msgspec.Struct, frozen=True, tag=True):
+    """The plan of a `Supposition`."""
+
+    number: int
+    planned: PlanInForce | None
+    """None if there is none."""
+
+
+Reply = Ready | Made | PlanFailed | Done | Supposed
 """Messages of the planning process, in MessagePack: the coordinator decodes them in a millisecond or two."""
 
 
@@ -116,7 +134,7 @@ class PlannerProcess:
         """Its process id."""
         return self._process.pid
 
-    def ask(self, request: PlanRequest, limit_s: float) -> None:
+    def ask(self, request: PlanRequest | Supposition, limit_s: float) -> None:
         """Send a request.
 
         Raises:
@@ -191,6 +209,11 @@ class LivePlanner:
         """Number of the last request that is complete."""
         self._lost = (0, 0)
         """The request that was running when a process was lost, and how many processes it has lost."""
+        self._suppositions: deque[Supposition] = deque()
+        """Those that were not sent yet."""
+        self._supposed: deque[Supposed] = deque()
+        self._pending: set[int] = set()
+        """Suppositions without an answer."""
         self._backoff = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
         self._received_s = 0.0
         self._is_ready = False
@@ -216,6 +239,17 @@ class LivePlanner:
         self._latest = PlanRequest(self._asked, snapshot, policy)
         self._wake.set()
         self.prepare()
+
+    def suppose(self, supposition: Supposition) -> None:
+        """Request the plan that would follow from one more task."""
+        self._pending.add(supposition.number)
+        self._suppositions.append(supposition)
+        self._wake.set()
+        self.prepare()
+
+    def supposed(self) -> list[Supposed]:
+        """The answers to `suppose` since the last call."""
+        return [self._supposed.popleft() for _ in range(len(self._supposed))]
 
     def finished_plans(self) -> list[PlanInForce]:
         """The plans made since the last call, the best last."""
@@ -274,6 +308,9 @@ class LivePlanner:
             if process.is_lost:
                 return "has hung up"
             request = self._latest
+            while self._is_ready and self._suppositions:
+                self._received_s = time.monotonic()
+                process.ask(self._suppositions.popleft(), GRACE_S)
             if self._is_ready and request is not None and request.number > max(sent, self._answered):
                 if sent <= self._answered:  # it was idle
                     self._received_s = time.monotonic()
@@ -282,7 +319,7 @@ class LivePlanner:
             limit_s: float | None = None
             if not self._is_ready:
                 limit_s = START_S
-            elif request is not None and sent > self._answered:
+            elif request is not None and (sent > self._answered or self._pending):
                 limit_s = request.policy.deadline_s + GRACE_S
             left_s = None if limit_s is None else self._received_s + limit_s - time.monotonic()
             if left_s is not None and left_s <= 0:
@@ -291,6 +328,10 @@ class LivePlanner:
         return ""
 
     def _record_lost(self) -> None:
+        self._suppositions.clear()
+        while self._pending:
+            self._supposed.append(Supposed(self._pending.pop(), None))
+        self._on_made()
         request = self._latest
         if request is None or request.number <= self._answered:
             return
@@ -311,6 +352,10 @@ class LivePlanner:
             case Made(planned):
                 self.failure_reason = ""
                 self._made.append(planned)
+                self._on_made()
+            case Supposed(number):
+                self._pending.discard(number)
+                self._supposed.append(reply)
                 self._on_made()
             case PlanFailed(reason):
                 self.failure_reason = reason.rstrip().rpartition("\n")[2]

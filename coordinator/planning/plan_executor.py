@@ -110,7 +110,11 @@ class PlanExecutor:
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
             if record.task.deadline_ns is None and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
-                gave_up = plain("gave_up", f"nobody can do it: {left.reason}", because=left.reason.code)
+                gave_up = plain(
+                    "gave_up",
+                    f"no plan had it for {self._planning.policy.give_up_s:.0f} s: {left.reason}",
+                    because=left.reason.code,
+                )
                 self._book.move(task_id, TaskState.FAILED, gave_up)
             elif not _is_alike(record.reason, left.reason):
                 self._book.move(task_id, TaskState.QUEUED, left.reason)

@@ -28,6 +28,12 @@ class PlannedStep(msgspec.Struct, frozen=True):
     """Latest time for its robot to set out."""
     travel_s: float
     start_ns: int
+    service_s: float = 0.0
+    """Time at its place."""
+    energy_j: float = 0.0
+    """Of the path there and the work at the place, without waiting."""
+    has_begun: bool = False
+    """Whether its robot had it already when the plan was made."""
 
 
 class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
@@ -35,7 +41,7 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
 
     problem: PlanProblem
     steps: dict[str, tuple[PlannedStep, ...]]
-    """Of each robot, without the tasks that it was doing."""
+    """Of each robot, those that it was doing first."""
     left_out: dict[str, PlanReason]
     """Tasks that no robot does, and why."""
     waiting: dict[str, TaskReason]
@@ -52,8 +58,9 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def orders(self) -> Orders:
-        """The tasks of each robot, in order."""
-        return {robot: tuple(step.task for step in steps) for robot, steps in self.steps.items() if steps}
+        """The tasks of each robot that it had not begun, in order."""
+        found = {robot: tuple(one.task for one in steps if not one.has_begun) for robot, steps in self.steps.items()}
+        return {robot: tasks for robot, tasks in found.items() if tasks}
 
 
 def planned(
@@ -64,25 +71,33 @@ def planned(
     written: PlanProblem,
     duration_s: float,
     failures: tuple[PlanFailure, ...] = (),
+    only: str = "",
 ) -> PlanInForce:
-    """Convert an allocator's plan to the form that the coordinator follows."""
+    """Convert an allocator's plan to the form that the coordinator follows; see `Draft.planned`."""
     # Here: it imports the allocators' kernels, which a live coordinator does without.
     from robrain.algorithms.allocation.explain import explain
 
     pinned = {job.id for job in problem.jobs if job.pinned_to}
-    earliest_s = {job.id: job.earliest_s for job in problem.jobs}
     steps: dict[str, tuple[PlannedStep, ...]] = {}
     route_energy_j: dict[str, float] = {}
     for worker, route in zip(problem.workers, plan.routes, strict=True):
-        found, free_s = [], worker.ready_s
+        found, free_s, left_j = [], worker.ready_s, worker.usable_j
         for stop in route.stops:
+            asked_job = problem.jobs[problem.job_index[stop.job]]
             travel_s = max(0.0, stop.arrive_s - free_s)
-            free_s = stop.end_s
-            if stop.job not in pinned:
-                leave_s = max(stop.arrive_s, earliest_s[stop.job]) - travel_s
-                found.append(PlannedStep(stop.job, _at(snapshot, leave_s), travel_s, _at(snapshot, stop.start_s)))
+            step = PlannedStep(
+                task=stop.job,
+                leave_ns=_at(snapshot, max(stop.arrive_s, asked_job.earliest_s) - travel_s),
+                travel_s=travel_s,
+                start_ns=_at(snapshot, stop.start_s),
+                service_s=asked_job.service_s,
+                energy_j=left_j - stop.left_j - worker.wait_w * (stop.start_s - stop.arrive_s),
+                has_begun=bool(asked_job.pinned_to),
+            )
+            found.append(step)
+            free_s, left_j = stop.end_s, stop.left_j
         steps[route.worker] = tuple(found)
-        if found:
+        if any(not step.has_begun for step in found):
             route_energy_j[route.worker] = route.energy_j
     left_out: dict[str, PlanReason] = {}
     for one in plan.unassigned:
@@ -97,7 +112,9 @@ def planned(
     new = [
         job.id
         for job in problem.jobs
-        if job.id not in pinned and snapshot.published.get(job.id) != tuple(robots.get(job.id, ()))
+        if (not only or job.id == only)
+        and job.id not in pinned
+        and snapshot.published.get(job.id) != tuple(robots.get(job.id, ()))
     ]
     new.sort(key=lambda job: start_s.get(job, math.inf))
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]

@@ -24,6 +24,7 @@ from robrain.algorithms.allocation.problem import Problem, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
+from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, PlanDraft, PlanFailure, refined
@@ -295,8 +296,8 @@ class Draft:
         self._snapshot, self._policy, self.asked = snapshot, policy, asked
         self.solver = PlanSolver(asked.question.problem(), policy, snapshot.orders)
 
-    def planned(self, duration_s: float = 0.0) -> PlanInForce:
-        """The best plan up to now."""
+    def planned(self, duration_s: float = 0.0, only: str = "") -> PlanInForce:
+        """The best plan up to now; with the decision about the task `only` alone, if that is given."""
         snapshot, policy = self._snapshot, self._policy
         plan = self.solver.plan
         written = PlanProblem(
@@ -314,7 +315,7 @@ class Draft:
             cause=snapshot.cause,
             passes=list(policy.passes),
         )
-        return planned(snapshot, self.asked, self.solver.problem, plan, written, duration_s, self.solver.failures)
+        return planned(snapshot, self.asked, self.solver.problem, plan, written, duration_s, self.solver.failures, only)
 
 
 def rehearse() -> None:
@@ -352,6 +353,7 @@ class LockstepPlanner:
     def __init__(self) -> None:
         self._search = PlanSearch()
         self._made: list[PlanInForce] = []
+        self._supposed: list[Supposed] = []
         self.failure_reason = ""
         """See `LivePlanner`."""
 
@@ -369,6 +371,21 @@ class LockstepPlanner:
         except Exception as error:  # as in live: a planning error must not end the coordinator
             logger.exception("no plan %d could be made", snapshot.number)
             self.failure_reason = f"{type(error).__name__}: {error}"
+
+    def suppose(self, supposition: Supposition) -> None:
+        """See `LivePlanner`."""
+        _warm_up_once()
+        try:
+            plan = self._search.draft(supposition.snapshot, supposition.policy).planned(only=supposition.task)
+            self._supposed.append(Supposed(supposition.number, plan))
+        except Exception:  # as above
+            logger.exception("no plan can be made for the supposed task %s", supposition.task)
+            self._supposed.append(Supposed(supposition.number, None))
+
+    def supposed(self) -> list[Supposed]:
+        """See `LivePlanner`."""
+        found, self._supposed = self._supposed, []
+        return found
 
     def finished_plans(self) -> list[PlanInForce]:
         """See `LivePlanner`."""

@@ -6,7 +6,7 @@ explores is called away for a task, and one whose next task begins soon is not s
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +14,8 @@ import msgspec
 
 from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S, PLENTY_J, capacity_j, profile_of
-from robrain.coordinator.planning.live_planner import LivePlanner
+from robrain.coordinator.planning.forecast import Forecast
+from robrain.coordinator.planning.live_planner import LivePlanner, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerDistances, PlanningRobot, Snapshot
@@ -31,9 +32,16 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks import plan_messages
-from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import (
+    ObjectiveRequest,
+    PlannedCharge,
+    PlanningStatus,
+    TaskDecision,
+    TaskEstimates,
+)
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -141,9 +149,12 @@ logger = logging.getLogger(__name__)
 
 CHECK_NS = to_ns(0.5)
 """Interval between checks of robots and map for changes that need a new plan; tasks are checked at each step."""
+FORECAST_NS = to_ns(1.0)
+"""Interval at which estimates follow the robots; they follow a new plan at once."""
 SOON_NS = to_ns(30.0)
 """A robot whose next task begins within this is not sent exploring (chosen)."""
 KEPT_DECISIONS = 2000
+SUPPOSITIONS_MAX = 16
 
 
 class Due(NamedTuple):
@@ -194,6 +205,11 @@ class Planning:
         self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
         self._wait_reason = lifecycle.eligibility.wait_reason
         self._costs = TaskCosts(wire, lifecycle.capabilities)
+        self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
+        self._forecast_ns = 0
+        self._suppositions: dict[int, Callable[[PlanInForce | None], None]] = {}
+        self._supposition = 0
+        """Number of the last one."""
         self._inputs = PlanInputs()
         """Of the last plan."""
         self._planner = _planner_of(wire)
@@ -209,6 +225,7 @@ class Planning:
         self._asked_ns: int | None = None
         self._cause = ""
         self._decision_publisher = wire.publisher(plan_messages.TASK_DECISION)
+        self._estimates_publisher = wire.publisher(plan_messages.TASK_ESTIMATES)
         self._problem_publisher = wire.publisher(plan_messages.TASK_PROBLEM)
         wire.answer(plan_messages.COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
         wire.answer(plan_messages.COORDINATOR_OBJECTIVE, self._choose, serve=Serve.IN_STEP)
@@ -231,12 +248,22 @@ class Planning:
 
     def step(self, now_ns: int) -> bool:
         """Detect changes, request a plan if one is needed, and take finished plans; True if there is a new plan."""
-        if not self.is_on:
-            return False
+        has_plan = self.is_on and self._step(now_ns)
+        if has_plan or now_ns >= self._forecast_ns:
+            self._forecast_ns = now_ns + FORECAST_NS
+            self.forecast.update(self._plan, now_ns)
+            if self.forecast.has_moved():
+                tasks = {task: self.forecast.estimate(times, now_ns) for task, times in self.forecast.times.items()}
+                self._estimates_publisher.put(TaskEstimates(tasks=tasks))
+        return has_plan
+
+    def _step(self, now_ns: int) -> bool:
         if now_ns >= self._check_ns or self._seen_version != self._book.version or self._costs.is_waiting:
             self._update_cause(now_ns)
         if self._cause and now_ns >= self._not_before_ns:
             self._ask(now_ns)
+        if self._suppositions:
+            self._follow_supposed()
         return self._follow_finished(now_ns)
 
     def receive(self, before: RobotState | None, state: RobotState) -> None:
@@ -282,8 +309,18 @@ class Planning:
             return
         self._not_before_ns = now_ns + to_ns(self.policy.settle_s)
         self._number += 1
+        self._planner.ask(self._snapshot(records, members, pauses, cause, now_ns), self.policy)
+
+    def _snapshot(
+        self,
+        records: Sequence[TaskRecord],
+        members: dict[str, PlanningRobot],
+        pauses: Mapping[tuple[str, str], RobotReason],
+        cause: str,
+        now_ns: int,
+    ) -> Snapshot:
         open_ids = {record.task.id for record in records}
-        snapshot = Snapshot(
+        return Snapshot(
             number=self._number,
             now_ns=now_ns,
             cause=cause,
@@ -299,7 +336,36 @@ class Planning:
             orders=self._orders(),
             published={task: decision.robots for task, (_, decision) in self._decisions.items()},
         )
-        self._planner.ask(snapshot, self.policy)
+
+    def suppose(self, record: TaskRecord, now_ns: int, on_plan: Callable[[PlanInForce | None], None]) -> None:
+        """Make the plan that would follow from one more task, without executing it.
+
+        Args:
+            record: of the task, which is not in the book.
+            now_ns: the time.
+            on_plan: called in a step of the coordinator with the plan, or None if there is none.
+
+        Raises:
+            CallError: too many wait for such a plan.
+
+        """
+        records, members, pauses = self._plannable(now_ns), self._builder.members(now_ns), self._backoff.pauses(now_ns)
+        if not self.is_on or not members:
+            on_plan(None)
+            return
+        if len(self._suppositions) >= SUPPOSITIONS_MAX:
+            raise CallError(ErrorCode.BUSY, f"{SUPPOSITIONS_MAX} dry runs are in progress; ask again later")
+        self._supposition += 1
+        self._suppositions[self._supposition] = on_plan
+        snapshot = self._snapshot([*records, record], members, pauses, f"what if {record.task.id}", now_ns)
+        self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id))
+        self._follow_supposed()
+
+    def _follow_supposed(self) -> None:
+        for one in self._planner.supposed():
+            on_plan = self._suppositions.pop(one.number, None)
+            if on_plan is not None:
+                on_plan(one.planned)
 
     def _follow_finished(self, now_ns: int) -> bool:
         made = self._planner.finished_plans()
@@ -417,7 +483,7 @@ class Planning:
     def _next(self, robot: str) -> PlannedStep | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
         for step in steps:
-            record = self._book.find(step.task)
+            record = None if step.has_begun else self._book.find(step.task)
             if record is not None and record.state is TaskState.QUEUED:
                 return step
         return None
@@ -430,9 +496,9 @@ class Planning:
         if decision is not None:
             self._decision_publisher.put(decision)
 
-    def decision(self, task_id: str) -> tuple[int, TaskDecision] | None:
-        """Time and content of the last decision about a task."""
-        return self._decisions.get(task_id)
+    def decision(self, task_id: str) -> tuple[int, TaskDecision | None]:
+        """Time and content of the last decision about a task; 0 and None if there is none."""
+        return self._decisions.get(task_id, (0, None))
 
     def exclusion(self, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why plans exclude a robot now; None if they do not."""
@@ -453,8 +519,9 @@ class Planning:
             for step in steps:
                 if step.task == task_id:
                     after = self.after_charge.get(robot)
-                    in_s = max(0.0, to_seconds(step.start_ns - now_ns))
-                    text = f"{robot} is to begin it in {in_s:.0f} s"
+                    times = self.forecast.times.get(task_id)
+                    in_s = max(0.0, to_seconds((step.leave_ns if times is None else times.leave_ns) - now_ns))
+                    text = f"{robot} is to set out for it in {in_s:.0f} s"
                     if after is None:
                         return plain("to_begin", text, robot=robot, in_s=in_s)
                     text += f", when it has charged to {after.soc:.0%}"
@@ -534,7 +601,7 @@ def own_decision(
         path_length_m = DETOUR * state.pose.distance_m(task.place)
     found = estimate(state.energy, Work(path_m=path_length_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
     time_s = policy.time_margin * found.duration_s
-    bid = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), time_s=round(time_s, 3))
+    bid = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), arrives_in_s=round(time_s, 3))
     if task.kind == RECHARGE:
         to_soc = parameters_of(task, Recharge).until_soc
         reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)

@@ -55,7 +55,7 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
         moves = length_m > 0
         energy_j = np.stack([np.where(moves, one.start_j + one.j_per_m * length_m, 0.0) for one in self.profiles])
         time_s = np.stack([one.s_per_m * length_m for one in self.profiles])
-        return Problem(jobs=self.jobs, workers=self.workers, energy_j=energy_j, time_s=time_s)
+        return Problem(jobs=self.jobs, workers=self.workers, energy_j=energy_j, time_s=time_s, length_m=length_m)
 
     def encode(self) -> bytes:
         """Encode it as `PlanProblem.question`."""

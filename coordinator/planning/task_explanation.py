@@ -1,20 +1,31 @@
 """Explains the state of a task, and why a robot does not get it; predicts both for a task that is not submitted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import msgspec
 
-from robrain.coordinator.planning.energy_budget import UNKNOWN
+from robrain.coordinator.planning.forecast import TaskTimes
+from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.eligibility import NOBODY_THERE
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskExplanation, TaskRecord
-from robrain.protocol.model.energy_model import Work, estimate
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.task_messages import (
+    RobotVerdict,
+    TaskDelay,
+    TaskDryRun,
+    TaskExplanation,
+    TaskRecord,
+)
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
 from robrain.protocol.reasons import (
+    NO_WAY_AND_BACK,
     IsNext,
+    NearestOut,
     PlanLeavesOut,
     RobotReason,
     TaskReason,
@@ -25,6 +36,8 @@ from robrain.protocol.reasons import (
 )
 
 KEPT_VERDICTS = 1000
+DELAY_NS = to_ns(5.0)
+"""Smaller delays of other tasks are not reported (chosen: estimates are no better)."""
 Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
 """Why a task must not go to a robot now; None if it may."""
 
@@ -71,7 +84,7 @@ class TaskExplainer:
             judged = _as_it_went(record, judged)
         reason = self._reason(record, now_ns) if record.state is TaskState.QUEUED else record.reason
         return TaskExplanation(
-            record=record,
+            record=self.estimated(record, now_ns),
             now=cut(self._now(record, reason), TEXT_MAX),
             reason=reason,
             robots=judged,
@@ -79,13 +92,22 @@ class TaskExplainer:
             changes=self._book.journal.history(record.task.id),
         )
 
-    def judge(self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = ()) -> list[RobotVerdict]:
+    def estimated(self, record: TaskRecord, now_ns: int) -> TaskRecord:
+        """The record of an open task with its estimate."""
+        if record.state.ended:
+            return record
+        return msgspec.structs.replace(record, estimate=self._planning.forecast.of(record.task.id, now_ns))
+
+    def judge(
+        self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = (), decision: TaskDecision | None = None
+    ) -> list[RobotVerdict]:
         """Each robot's verdict on a task now: why it is excluded, or else the cost of the task by the plan.
 
         Args:
             record: of the task.
             now_ns: the time.
             chosen: the robots that get it.
+            decision: of the plan; None for the last one.
 
         """
         robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
@@ -94,58 +116,68 @@ class TaskExplainer:
             first = next(iter(chosen), "")
             return [*others, *verdicts(record, robots, lambda one, robot: refusal(one, robot, now_ns), first)]
         judged = verdicts(record, robots, lambda one, robot: self._ruled_out(one, robot, now_ns))
-        found = self._planning.decision(record.task.id)
-        bids = {} if found is None else {bid.robot: bid for bid in found[1].bids}
+        decided_ns, decision = (now_ns, decision) if decision else self._planning.decision(record.task.id)
+        bids = {bid.robot: bid for bid in decision.bids} if decision is not None else {}
         for one in judged:
             bid = bids.get(one.robot)
             if bid is not None and one.reason is None:
-                one = msgspec.structs.replace(
-                    one,
-                    refusal=bid.refusal,
-                    reason=bid.reason,
-                    energy_j=bid.energy_j,
-                    time_s=bid.time_s,
-                    chosen=bid.chosen,
-                )
+                bid = self._planning.forecast.corrected(bid, to_seconds(now_ns - decided_ns))
+                one = msgspec.structs.replace(bid, distance_m=one.distance_m)
             if chosen:
                 one = msgspec.structs.replace(one, chosen=one.robot in chosen)
             others.append(one)
         return others
 
-    def dry_run(self, task: Task, by: str, now_ns: int) -> TaskDryRun:
-        """Result of a task if it were submitted now; nothing is written or offered.
+    def dry_run(self, task: Task, by: str, now_ns: int, answer: Callable[[TaskDryRun | CallError], None]) -> None:
+        """Answer the result of a task if it were submitted now; nothing is written or offered.
 
         Args:
             task: an admitted one, with stamps in place of times that count from now; its id is not in the book.
             by: name of the client that would submit it.
             now_ns: the time.
+            answer: called once, when the plan with this task is made.
 
         """
         record = TaskRecord(task=task, state=TaskState.QUEUED, by=by, submitted_ns=now_ns)
         reason = self._eligibility.new_task_state(record, now_ns)
-        robots = [self._with_costs(one, task) for one in self.judge(record, now_ns)]
         waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
-        return TaskDryRun(
-            task=task,
-            waits=cut(sentence_of(reason), TEXT_MAX),
-            reason=reason,
-            robots=robots,
-            ahead=sum(one.task.priority >= task.priority for one in waiting),
-        )
+        before = self._planning.forecast.times
 
-    def _with_costs(self, verdict: RobotVerdict, task: Task) -> RobotVerdict:
-        """The verdict with the least cost of the task: a straight line, and the service time."""
-        robot = self._roster.robots.get(verdict.robot)
-        state = None if robot is None else robot.state
-        if state is None or verdict.reason is not None or verdict.distance_m is None:
-            return verdict
-        work = Work(path_m=verdict.distance_m, wait_s=task.service_s)
-        if state.energy is None:
-            time_s, energy_j = work.wait_s + UNKNOWN.s_per_m * work.path_m, UNKNOWN.j_per_m * work.path_m
-        else:
-            found = estimate(state.energy, work)
-            time_s, energy_j = found.duration_s, found.mean_j
-        return msgspec.structs.replace(verdict, time_s=round(time_s, 1), energy_j=round(energy_j, 1))
+        def on_plan(plan: PlanInForce | None) -> None:
+            forecast, found = self._planning.forecast, None
+            after = forecast.times_of(plan, [*self._book.open, record], now_ns)
+            for decision in plan.decisions if plan is not None else ():
+                found = decision if decision.task == task.id else found
+            times = after.get(task.id)
+            result = TaskDryRun(
+                task=task,
+                waits=cut(sentence_of(reason), TEXT_MAX),
+                reason=reason or (None if found is None or found.robots else found.reason),
+                robots=self.judge(record, now_ns, decision=found),
+                ahead=sum(one.task.priority >= task.priority for one in waiting),
+                estimate=None if times is None else forecast.estimate(times, now_ns),
+                delays=list(self._delays(before, after)),
+            )
+            answer(result)
+
+        try:
+            self._planning.suppose(record, now_ns, on_plan)
+        except CallError as error:
+            answer(error)
+
+    def _delays(self, before: Mapping[str, TaskTimes], after: Mapping[str, TaskTimes]) -> Iterator[TaskDelay]:
+        """The tasks that would end later, or that no plan would include any more."""
+        for task_id, times in before.items():
+            record, then = self._book.find(task_id), after.get(task_id)
+            if record is None or record.state.ended:
+                continue
+            if then is None:
+                yield TaskDelay(task=task_id)
+                continue
+            later_ns, deadline_ns = then.end_ns - times.end_ns, record.task.deadline_ns
+            misses_deadline = deadline_ns is not None and times.end_ns <= deadline_ns < then.end_ns
+            if misses_deadline or later_ns > DELAY_NS:
+                yield TaskDelay(task=task_id, later_s=round(to_seconds(later_ns), 1), misses_deadline=misses_deadline)
 
     def able_but_out(self, record: TaskRecord, now_ns: int) -> bool:
         """Whether a robot could do the task but is excluded from everything now."""
@@ -175,15 +207,27 @@ class TaskExplainer:
         )
 
     def _now(self, record: TaskRecord, reason: TaskReason | None) -> str:
-        """The same in one sentence, for people."""
+        """The same in sentences, for people."""
         if record.robot and self._book.next_of(record.robot) == record:
-            return f"next at {record.robot}{f' after {reason.after}' if isinstance(reason, IsNext) else ''}"
-        if record.state is TaskState.QUEUED:
-            is_same = record.reason in (reason, reason.because if isinstance(reason, PlanLeavesOut) else None)
-            return f"queued: {sentence_of(reason)}{f' ({record.why})' if record.why and not is_same else ''}"
-        preposition = "by" if record.state is TaskState.DONE else "at"
-        robot = f" {preposition} {record.robot}" if record.robot else ""
-        return f"{record.state.replace('_', ' ')}{robot}{f': {record.why}' if record.why else ''}"
+            return f"Next at {record.robot}{f', after {reason.after}' if isinstance(reason, IsNext) else ''}."
+        state = record.state.replace("_", " ").capitalize()
+        if record.state is not TaskState.QUEUED:
+            robot = f" {'by' if record.state is TaskState.DONE else 'at'} {record.robot}" if record.robot else ""
+            return f"{state}{robot}. {self._as_sentence(record.why)}".rstrip()
+        nearest = reason.because if isinstance(reason, PlanLeavesOut) else None
+        if isinstance(nearest, NearestOut) and nearest.because.code == NO_WAY_AND_BACK:
+            place = record.task.place
+            words = f"No robot can reach ({place.x_m:g}, {place.y_m:g}) and then a charger. {nearest.robot} is nearest."
+        else:
+            words = self._as_sentence(sentence_of(reason))
+        is_same = record.reason in (reason, nearest)
+        return f"{state}. {words}{'' if is_same else f' {self._as_sentence(record.why)}'}".rstrip()
+
+    def _as_sentence(self, text: str) -> str:
+        """A text with a capital letter, unless it begins with a name, and a full stop."""
+        first = text.partition(" ")[0].rstrip(",;:")
+        is_named = first in self._roster.robots or self._book.find(first) is not None
+        return f"{text if is_named else text[:1].upper() + text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
 def verdicts(record: TaskRecord, robots: Sequence[Robot], refusal: Refusal, chosen: str = "") -> list[RobotVerdict]:

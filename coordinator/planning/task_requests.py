@@ -1,6 +1,7 @@
 """Answers queries about tasks: submit, dry run, cancel, list, get, why."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Protocol
 
 import msgspec
@@ -74,6 +75,7 @@ class TaskRequests:
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
         self._clock, self._traces = wire.clock, wire.traces
+        self._roster = lifecycle.roster
         self._book, self._capabilities, self._map = lifecycle.book, lifecycle.capabilities, team_map
         self._explanation, self._chargers, self._gate = explanation, chargers, gate
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
@@ -105,7 +107,7 @@ class TaskRequests:
             return None
         return f"there is another task {asked.task.id}: {differs or 'one of the coordinator itself'}", differs
 
-    def _dry_run(self, request: Request[TaskSubmission]) -> TaskDryRun:
+    def _dry_run(self, request: Request[TaskSubmission]) -> TaskDryRun | Deferred[TaskDryRun]:
         """Result of a submission of a task now. Changes nothing, and is not written down."""
         asked = request.asked
         known = self._book.find(asked.task.id)
@@ -117,7 +119,7 @@ class TaskRequests:
         task = self._stamped(asked)
         if refusal := self._refusal(task):
             return TaskDryRun(task=task, refused=cut(refusal, TEXT_MAX))
-        return self._explanation.dry_run(task, asked.by or request.by, self._clock.now_ns())
+        return Deferred(partial(self._explanation.dry_run, task, asked.by or request.by, self._clock.now_ns()))
 
     def _stamped(self, asked: TaskSubmission) -> Task:
         """The task with stamps in place of times that count from now (CallError if that is impossible)."""
@@ -161,17 +163,17 @@ class TaskRequests:
     def _once_on_disk(self, record: TaskRecord) -> Deferred[TaskRecord]:
         journal, task_id = self._book.journal, record.task.id
 
-        def when(answer: Callable[[CallError | None], None]) -> None:
+        def when(answer: Callable[[TaskRecord | CallError], None]) -> None:
             def synced(error: JournalUnwritable | None) -> None:
                 text = f"task {task_id} is accepted, but a power cut may lose it: {error}"
-                answer(None if error is None else CallError(ErrorCode.FAILED, text, str(error)))
+                answer(record if error is None else CallError(ErrorCode.FAILED, text, str(error)))
 
             def not_kept(reason: str) -> None:
                 answer(CallError(ErrorCode.FAILED, f"task {task_id} may get lost: {reason}; ask again", reason))
 
             self._gate.when_kept(lambda: journal.when_on_disk(synced), not_kept)
 
-        return Deferred(record, when)
+        return Deferred(when)
 
     def _refusal(self, task: Task) -> str:
         """Why a task is refused at its submission, in words; empty if it is accepted."""
@@ -195,7 +197,12 @@ class TaskRequests:
             plugins=self._capabilities.plugins,
             others=others,
             schemas=self._capabilities.schemas(),
+            radius_m=self._least_radius_m(),
         )
+
+    def _least_radius_m(self) -> float:
+        states = [robot.state for robot in self._roster.robots.values()]
+        return min((state.radius_m for state in states if state is not None), default=0.0)
 
     def _cancel(self, request: Request[TaskRequest]) -> TaskRecord | Deferred[TaskRecord]:
         asked = request.asked
@@ -219,10 +226,12 @@ class TaskRequests:
 
     def _list(self, request: Request[TaskFilter]) -> list[TaskRecord]:
         wanted = request.asked
-        return self._book.journal.select(msgspec.structs.replace(wanted, limit=min(wanted.limit, REPLY_MAX)))
+        found = self._book.journal.select(msgspec.structs.replace(wanted, limit=min(wanted.limit, REPLY_MAX)))
+        now_ns = self._clock.now_ns()
+        return [self._explanation.estimated(record, now_ns) for record in found]
 
     def _get(self, request: Request[TaskRequest]) -> TaskRecord:
-        return self._known(request.asked.id)
+        return self._explanation.estimated(self._known(request.asked.id), self._clock.now_ns())
 
     def _explain(self, request: Request[TaskRequest]) -> TaskExplanation:
         explained = self._explanation.explain(self._known(request.asked.id), self._clock.now_ns())

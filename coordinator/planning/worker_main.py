@@ -13,12 +13,24 @@ import socket
 import sys
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.coordinator.planning.live_planner import Done, Made, PlanFailed, PlanRequest, Ready, Reply, receive, send
+from robrain.coordinator.planning.live_planner import (
+    Done,
+    Made,
+    PlanFailed,
+    PlanRequest,
+    Ready,
+    Reply,
+    Supposed,
+    Supposition,
+    receive,
+    send,
+)
 from robrain.protocol.workers import end_with_parent
 
 if TYPE_CHECKING:
@@ -51,21 +63,37 @@ def _serve(requests: socket.socket, replies: socket.socket) -> None:
     rehearse()
     reply(Ready())
     search = PlanSearch()
+    waiting: deque[Supposition] = deque()
     while True:
+        request: PlanRequest | None = None
         try:
-            body = receive(requests)
-            while is_asked():
-                body = receive(requests)
+            while is_asked() or not (request or waiting):
+                asked: PlanRequest | Supposition = pickle.loads(receive(requests))  # from the parent process alone
+                if isinstance(asked, Supposition):
+                    waiting.append(asked)
+                else:
+                    request = asked
         except EOFError:
             return
-        request: PlanRequest = pickle.loads(body)  # from the parent process alone
         try:
-            _answer(search, request, is_asked, reply)
+            if request is None:
+                reply(_suppose(search, waiting.popleft()))
+            else:
+                _answer(search, request, is_asked, reply)
         except OSError:  # the coordinator has ended, and this process is about to
             return
         except Exception:  # noqa: BLE001 - a planning error must not end the process: the next request may succeed
             reply(PlanFailed(traceback.format_exc()))
-        reply(Done(request.number))
+        if request is not None:
+            reply(Done(request.number))
+
+
+def _suppose(search: "PlanSearch", asked: Supposition) -> Supposed:
+    try:
+        return Supposed(asked.number, search.draft(asked.snapshot, asked.policy).planned(only=asked.task))
+    except Exception:  # as for a plan
+        logging.getLogger(__name__).exception("no plan can be made for the supposed task %s", asked.task)
+        return Supposed(asked.number, None)
 
 
 def _answer(

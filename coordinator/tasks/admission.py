@@ -5,9 +5,12 @@ unknown place may be free. Names that a task refers to must be known when it is 
 """
 
 import difflib
+import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import BadName
@@ -46,6 +49,8 @@ KINDS_WITH_MOTE = (COLLECT, RELAY, REPLACE, SENSE)
 KINDS_WITH_QUANTITY = (MONITOR, SEEK, SENSE)
 AT_CHARGER_M = 1.0
 """A place that is no farther from a charger means that charger (chosen)."""
+NEAR_M = 0.8
+"""A robot drives to the free place nearest to a task's, within this; robots assume the same (`planner`, `snap_m`)."""
 LISTED = 10
 GATHERING = "visit"
 """Plugin that robots need in addition, to gather for a task for several."""
@@ -59,6 +64,7 @@ def impossibility(
     plugins: Mapping[str, Iterable[str] | None],
     others: Mapping[str, TaskRecord],
     schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
+    radius_m: float = 0.0,
 ) -> str:
     """Describe in words why a task can never be done; empty if it may be possible.
 
@@ -69,6 +75,7 @@ def impossibility(
         plugins: offer of each robot of the team; None for a robot that has not announced it.
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
+        radius_m: of the smallest robot; 0 if it is unknown.
 
     """
     return (
@@ -76,7 +83,7 @@ def impossibility(
         or _deadline_refusal(task, now_ns)
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
-        or _place_refusal(task, grid)
+        or _place_refusal(task, grid, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _cycle_refusal(task, others)
     )
@@ -200,7 +207,7 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
     return ""
 
 
-def _place_refusal(task: Task, grid: "OccupancyGrid | None") -> str:
+def _place_refusal(task: Task, grid: "OccupancyGrid | None", radius_m: float) -> str:
     place = task.place
     if grid is None:
         return ""
@@ -213,7 +220,26 @@ def _place_refusal(task: Task, grid: "OccupancyGrid | None") -> str:
         return f"({place.x_m:g}, {place.y_m:g}) is outside of the map: {bounds}"
     if grid.log_odds[row, column] > 0:
         return f"({place.x_m:g}, {place.y_m:g}) is in a wall, or in something else that is known to stand there"
+    if radius_m > 0.0 and not _fits_near(place, grid, radius_m):
+        return f"no robot fits within {NEAR_M:g} m of ({place.x_m:g}, {place.y_m:g})"
     return ""
+
+
+def _fits_near(place: Point2D, grid: "OccupancyGrid", radius_m: float) -> bool:
+    """Whether a robot may stand near a place: no obstacle is known within its radius there."""
+    geometry = grid.geometry
+    pitch_m = geometry.resolution_m
+    row, column = geometry.cell_of(place.x_m, place.y_m)
+    reach = math.ceil((NEAR_M + radius_m) / pitch_m)
+    top, left = max(0, row - reach), max(0, column - reach)
+    occupied = np.argwhere(grid.log_odds[top : row + reach + 1, left : column + reach + 1] > 0) + np.array([top, left])
+    steps = np.arange(-math.floor(NEAR_M / pitch_m), math.floor(NEAR_M / pitch_m) + 1)
+    near = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    cells = near[np.hypot(*near.T) * pitch_m <= NEAR_M] + np.array([row, column])
+    if not len(occupied):
+        return True
+    away_m = np.hypot(*(cells[:, None, :] - occupied[None, :, :]).transpose(2, 0, 1)).min(axis=1) * pitch_m
+    return bool((away_m >= radius_m).any())
 
 
 def _cycle_refusal(task: Task, others: Mapping[str, TaskRecord]) -> str:

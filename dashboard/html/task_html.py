@@ -6,7 +6,7 @@ from typing import NamedTuple
 from robrain.dashboard.html.elements import placeholder, render
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.dashboard.state.task_board import PLANNED_S
+from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskExplanation
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
@@ -38,7 +38,10 @@ def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
     if not open_tasks and not ended:
         unlisted = "Explorations, and tasks finished before this page was started, are not listed."
         return placeholder(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
-    return render("tasks", "queue", events=[*open_tasks, *ended], is_live=is_live, long_id=LONG_ID.match)
+    estimates = view.board.estimates.tasks
+    return render(
+        "tasks", "queue", events=[*open_tasks, *ended], estimates=estimates, is_live=is_live, long_id=LONG_ID.match
+    )
 
 
 def explanation_html(explanation: TaskExplanation) -> str:
@@ -119,31 +122,20 @@ def gantt_html(view: ShownTeam) -> str:
 
 
 def planned_entries(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[PlannedEntry]:
-    """The rest of a robot's current task, its next task, its planned tasks, and its charges."""
+    """The rest of a robot's current task, its later tasks, and its charges, at their expected times."""
     found: list[PlannedEntry] = []
-    state = robot.state
-    free_ns = now_ns
-    if (
-        state is not None
-        and state.task is not None
-        and state.task.remaining_s is not None
-        and not state.task.state.ended
-    ):
-        free_ns = max(now_ns, state.stamp_ns + round(state.task.remaining_s * 1e9))
-        found.append(PlannedEntry(now_ns, free_ns, f"{state.task.id}: the rest of it", "held"))
-    planned = view.board.planned().get(robot.name, [])
-    held = state.next_task.id if state is not None and state.next_task is not None else ""
-    if held:
-        known = next((span for span in planned if span.task == held), None)
-        length_ns = round(PLANNED_S * 1e9) if known is None or known.end_ns is None else known.end_ns - known.start_ns
-        event = view.tasks.get(held)
-        kind = event.task.kind if event is not None else "task"
-        found.append(PlannedEntry(free_ns, free_ns + length_ns, f"{kind} {held}: held ready", "held"))
-    found += [
-        PlannedEntry(span.start_ns, span.end_ns, f"{span.kind} {span.task}: planned", "planned")
-        for span in planned
-        if span.task != held and span.end_ns is not None and span.end_ns > now_ns
-    ]
+    estimates, next_task = view.board.estimates, None if robot.state is None else robot.state.next_task
+    for task, estimate in estimates.tasks.items():
+        event, end_ns = view.tasks.get(task), estimates.stamp_ns + to_ns(estimate.ends_in_s)
+        if event is None or estimate.robot != robot.name or end_ns <= now_ns:
+            continue
+        start_ns, title = estimates.stamp_ns + to_ns(estimate.starts_in_s), f"{event.task.kind} {task}"
+        if event.state is TaskState.RUNNING:
+            found.append(PlannedEntry(now_ns, end_ns, f"{title}: the rest of it", "held"))
+        elif next_task is not None and next_task.id == task:
+            found.append(PlannedEntry(start_ns, end_ns, f"{title}: held ready", "held"))
+        else:
+            found.append(PlannedEntry(start_ns, end_ns, f"{title}: planned", "planned"))
     found += [
         PlannedEntry(max(charge.from_ns, now_ns), charge.until_ns, f"charging to {100 * charge.to_soc:.0f} %", "charge")
         for charge in view.charges

@@ -17,14 +17,13 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_LOG, LogRecord
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TASK_DECISION
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.reader.recorded_message import RecordedMessage, received, topic_named_by
 
 MARKS = 400
-SUMMED = {topic.name for topic in (TASK_EVENT, TASK_DECISION, ROBOT_LOG, ROBOT_EVENT, HALT)}
+SUMMED = {topic.name for topic in (TASK_EVENT, ROBOT_LOG, ROBOT_EVENT, HALT)}
 """Topics of which every message counts, not only the last."""
 INDEXED = {*SUMMED, ROBOT_STATE.name, ARENA_TRUTH.name}
 

@@ -16,7 +16,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, ROBOT_
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotLinks, RobotState
 from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import ChargeSchedule, PlannedCharge, TaskEstimates
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
@@ -139,7 +139,7 @@ class ShownTeam:
             ROBOT_LOG: self._handle_log,
             MOTE_READING: self._handle_reading,
             TASK_EVENT: self._handle_task,
-            plan_messages.TASK_DECISION: self._handle_decision,
+            plan_messages.TASK_ESTIMATES: self._handle_estimates,
             COORDINATOR_STATE: self._handle_team,
             plan_messages.COORDINATOR_CHARGES: self._handle_charges,
             COORDINATOR_LEFT: self._handle_left,
@@ -269,8 +269,8 @@ class ShownTeam:
     def _handle_task(self, event: TaskEvent, names: Names, now_s: float) -> None:
         self.board.handle(event)
 
-    def _handle_decision(self, decision: TaskDecision, names: Names, now_s: float) -> None:
-        self.board.decide(decision)
+    def _handle_estimates(self, estimates: TaskEstimates, names: Names, now_s: float) -> None:
+        self.board.estimates = estimates
 
     def _handle_event(self, event: PluginEvent, names: Names, now_s: float) -> None:
         self._robot(names["robot"]).events.append(event)

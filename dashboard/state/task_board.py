@@ -4,13 +4,11 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
 from robrain.protocol.model.tasks.task import TaskState
 
 OPEN_TASKS = 1000
 ENDED_TASKS = 200
-PLANNED_S = 20.0
-"""Drawn length of a planned task whose duration is not known."""
 SPANS = 60
 """Number of spans that are kept for each robot."""
 
@@ -36,8 +34,8 @@ class TaskBoard:
     """The last event of the tasks that have ended, oldest first."""
     spans: dict[str, deque[Span]] = field(default_factory=dict)
     """By robot."""
-    decisions: dict[str, TaskDecision] = field(default_factory=dict)
-    """The last decision of the plan on each task, the oldest first."""
+    estimates: TaskEstimates = field(default_factory=TaskEstimates)
+    """The last estimates of the open tasks."""
     newest_ns: int = 0
     """The latest stamp of all events."""
     _running: dict[str, tuple[str, Span]] = field(default_factory=dict)
@@ -50,7 +48,6 @@ class TaskBoard:
             if any(other.task.id == task and other.change == event.change for other in self.ended):
                 return
             self.ended.append(event)
-            self.decisions.pop(task, None)
         elif known is not None and known.change > event.change > 0:
             self.open[task] = known
             return
@@ -60,27 +57,6 @@ class TaskBoard:
                 del self.open[next(iter(self.open))]
         self.newest_ns = max(self.newest_ns, event.stamp_ns)
         self._follow(event)
-
-    def decide(self, decision: TaskDecision) -> None:
-        """Process a plan's decision on a task."""
-        self.decisions.pop(decision.task, None)
-        self.decisions[decision.task] = decision
-        while len(self.decisions) > OPEN_TASKS:
-            del self.decisions[next(iter(self.decisions))]
-
-    def planned(self) -> dict[str, list[Span]]:
-        """The planned tasks of each robot that have not begun, with the times of the plan."""
-        found: dict[str, list[Span]] = {}
-        for task, decision in self.decisions.items():
-            event = self.open.get(task)
-            if event is None or task in self._running or decision.start_in_s is None:
-                continue
-            start_ns = decision.stamp_ns + round(decision.start_in_s * 1e9)
-            for robot in decision.robots:
-                time_s = next((bid.time_s for bid in decision.bids if bid.robot == robot), None) or PLANNED_S
-                span = Span(task, event.task.kind, start_ns, start_ns + round(time_s * 1e9), event.state)
-                found.setdefault(robot, []).append(span)
-        return found
 
     def _follow(self, event: TaskEvent) -> None:
         task, running = event.task.id, event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)

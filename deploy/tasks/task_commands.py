@@ -13,7 +13,7 @@ from robrain.client.submission import AS_SENT, TaskFields
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
 from robrain.deploy.command_line.output import print_either, print_json
-from robrain.deploy.tasks.task_files import verdict_line
+from robrain.deploy.tasks.task_files import estimate_text, verdict_line
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
@@ -44,10 +44,11 @@ def show_table(records: list[Any]) -> None:
     from robrain.deploy.command_line.terminal import new_table, results
     from robrain.protocol.safe_text import safe_lines
 
-    table = new_table("task", "kind", "state", "robot", "priority", "by", "why")
+    table = new_table("task", "kind", "state", "robot", "ends in", "priority", "by", "why")
     for record in records:
         task = record.task
-        row = (task.id, task.kind, record.state, record.robot, f"{task.priority:g}", record.by, record.why)
+        ends = "" if record.estimate is None else f"{record.estimate.ends_in_s:.0f} s"
+        row = (task.id, task.kind, record.state, record.robot, ends, f"{task.priority:g}", record.by, record.why)
         table.add_row(*map(safe_lines, row))
     results().print(table)
 
@@ -287,7 +288,8 @@ def show(
     texts = {
         name: value if isinstance(value, str) else msgspec.json.encode(value).decode() for name, value in fields.items()
     }
-    lines = [line_of(record), *(f"  {name}: {text}" for name, text in texts.items())]
+    lines = [line_of(record)] + ([] if record.estimate is None else [f"  {estimate_text(record.estimate)}"])
+    lines += [f"  {name}: {text}" for name, text in texts.items()]
     print_either(record, lines, as_json=as_json)
 
 
@@ -343,7 +345,9 @@ def explain(
     with connect_team(connect, team) as client:
         found = client.why(task_id)
     first_ns = found.changes[0].stamp_ns if found.changes else 0
-    lines = [f"{task_id}: {found.now}", *map(verdict_line, found.robots)]
+    lines = [f"{task_id}: {found.now}"]
+    lines += [] if found.record.estimate is None else [f"  {estimate_text(found.record.estimate)}"]
+    lines += map(verdict_line, found.robots)
     lines += [f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}" for change in found.changes]
     print_either(found, lines, as_json=as_json)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskEstimate
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 
@@ -91,9 +91,14 @@ def point(option: str, text: str) -> list[float]:
 
 def verdict_line(verdict: RobotVerdict) -> str:
     """Cost of a task for a robot, or the reason why the robot is excluded."""
-    words = [f"{verdict.distance_m:.1f} m away"] if verdict.distance_m is not None else []
-    words += [f"{verdict.time_s:.0f} s"] if verdict.time_s is not None else []
+    words = []
+    if verdict.path_m is not None:
+        words.append(f"path {verdict.path_m:.1f} m")
+    elif verdict.distance_m is not None:
+        words.append(f"{verdict.distance_m:.1f} m away")
+    words += [f"arrives in {verdict.arrives_in_s:.0f} s"] if verdict.arrives_in_s is not None else []
     words += [f"{verdict.energy_j:.0f} J"] if verdict.energy_j is not None else []
+    words += [f"{verdict.left_soc:.0%} left at a charger"] if verdict.left_soc is not None else []
     words += ["chosen"] if verdict.chosen else [verdict.refusal] if verdict.refusal else []
     return f"  {verdict.robot}: {', '.join(words)}"
 
@@ -110,6 +115,19 @@ def dry_run_lines(found: TaskDryRun) -> list[str]:
         lines.append(f"it would wait: {found.waits}")
     if found.ahead:
         lines.append(f"open tasks that are at least as urgent: {found.ahead}")
-    if found.robots:
-        lines += ["by a straight line, so at least:", *map(verdict_line, found.robots)]
+    if found.estimate is not None:
+        lines.append(estimate_text(found.estimate))
+    lines += map(verdict_line, found.robots)
+    for delay in found.delays:
+        later = "not be done" if delay.later_s is None else f"end {delay.later_s:.0f} s later"
+        lines.append(f"{delay.task} would {later}{', after its deadline' if delay.misses_deadline else ''}")
     return lines
+
+
+def estimate_text(estimate: TaskEstimate) -> str:
+    """When a task is expected to end, and at what cost."""
+    interval = f"90 %: {estimate.ends_low_s:.0f} to {estimate.ends_high_s:.0f} s"
+    return (
+        f"{estimate.robot} arrives in {estimate.arrives_in_s:.0f} s and ends it in {estimate.ends_in_s:.0f} s"
+        f" ({interval}), {estimate.energy_j:.0f} J"
+    )

@@ -63,6 +63,8 @@ TROUBLE = {
     TravelState.NO_PATH: "no way there",
     TravelState.LOST: "the robot does not know where it is",
 }
+AWAY_M = 0.3
+"""A task that is done farther from its place says so (chosen: a robot's radius, and more than it stops short)."""
 TURNS = 3
 """Number of turns, because the robot's estimated yaw may be corrected while it turns."""
 REPORTED_PATH_M = 1.0
@@ -99,6 +101,8 @@ class Run(msgspec.Struct, Generic[P]):
     has_begun: bool = False
     there_ns: int | None = None
     """When it was at the place."""
+    away_m: float = 0.0
+    """How far from the place it was then."""
     check_ns: int = 0
     energy_j: float = 0.0
     measured_ns: int = 0
@@ -348,6 +352,7 @@ class Errand(Behavior, ABC, Generic[P]):
             yield
         if self.run is not None:
             self.run.there_ns = self._now_ns()
+            self.run.away_m = self.away_m(task.place)
         result = yield from self.do(task, parameters)
         return result
 
@@ -368,6 +373,8 @@ class Errand(Behavior, ABC, Generic[P]):
             self.env.tasks.vacate(self.env.plugin)
             self.ended_own(state, reason)
         elif run is not None:
+            if state is TaskState.DONE and run.away_m > AWAY_M:
+                reason = f"{run.away_m:.2f} m from its place, which is not free"
             reported = {**(result or {}), "energy_j": round(run.energy_j, 1), "path_length_m": round(run.gone_m, 2)}
             self.env.tasks.end(run.task.id, state, reason, reported)
 

@@ -176,11 +176,11 @@ class WaitingQueries(Generic[T]):
 logger = logging.getLogger(__name__)
 
 
-def reply_deferred(query: Asked, key: str, topic: Query[Any, Any], reply: object, error: CallError | None) -> None:
-    """Reply `error`, or `reply` if there is none, and end the query; nothing is sent if the session has closed."""
+def reply_deferred(query: Asked, key: str, topic: Query[Any, Any], reply: object) -> None:
+    """Send a reply or a CallError, and end the query; nothing is sent if the session has closed."""
     try:
-        if error is not None:
-            query.reply_error(error)
+        if isinstance(reply, CallError):
+            query.reply_error(reply)
         else:
             query.reply(key, topic.payloads.write(reply), topic.encoding)
     except zenoh.ZError as closed:

@@ -99,10 +99,8 @@ class Request(NamedTuple, Generic[Q]):
 class Deferred(NamedTuple, Generic[R]):
     """A reply that is sent later, so that nothing else waits for its conditions."""
 
-    reply: R
-    when: Callable[[Callable[[CallError | None], None]], None]
-    """Accepts a function that must be called once, on any thread. Its argument is None when the reply may be sent, or
-    the error to send instead."""
+    when: Callable[[Callable[[R | CallError], None]], None]
+    """Accepts a function that must be called once, on any thread, with the reply or the error to send instead."""
 
 
 Handler = Callable[[Request[Q]], R | bytes | Deferred[R]]
@@ -361,7 +359,7 @@ class Endpoint:
             result = handler(request)
             if isinstance(result, Deferred):
                 is_deferred = True
-                result.when(partial(reply_deferred, query, key, topic, result.reply))
+                result.when(partial(reply_deferred, query, key, topic))
             else:
                 query.reply(key, topic.payloads.write(result), topic.encoding)
         except CallError as error:

@@ -17,8 +17,6 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.messages.team.arena_messages import RobotTruth
 from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, LostMessages, RecorderState
 from robrain.protocol.messages.team.team_messages import StandByStatus, TeamState
@@ -60,19 +58,6 @@ def test_change_that_is_told_again_or_late_changes_nothing() -> None:
     for _ in range(2):
         board.handle(event("t", TaskState.DONE, 3.0, "r1", change=6))
     assert len(board.ended) == 1
-
-
-def test_plan_is_drawn_until_it_is_begun() -> None:
-    board = TaskBoard()
-    board.handle(event("t", TaskState.QUEUED, 1.0))
-    bids = [RobotVerdict(robot="r1", chosen=True, time_s=30.0)]
-    board.decide(TaskDecision(task="t", plan=1, robots=["r1"], start_in_s=10.0, bids=bids, stamp_ns=2_000_000_000))
-    (span,) = board.planned()["r1"]
-    assert (span.start_ns, span.end_ns) == (12_000_000_000, 42_000_000_000)
-    board.handle(event("t", TaskState.RUNNING, 5.0, "r1"))
-    assert board.planned() == {}
-    board.handle(event("t", TaskState.DONE, 6.0, "r1"))
-    assert board.decisions == {}
 
 
 def state(at_s: float, speed_m_s: float = 0.5) -> RobotState:

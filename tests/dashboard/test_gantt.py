@@ -10,9 +10,9 @@ from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_CHARGES,
     ChargeSchedule,
     PlannedCharge,
-    TaskDecision,
+    TaskEstimates,
 )
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 
@@ -28,14 +28,24 @@ def view_of(**state: object) -> tuple[ShownTeam, ShownRobot]:
         view.board.handle(
             TaskEvent(task=Task(id=task, kind="visit", place=PLACE), state=status, robot="r1", stamp_ns=80 * S)
         )
-    for task, start_s in (("b", 30.0), ("c", 60.0)):
-        bid = RobotVerdict(robot="r1", chosen=True, time_s=25.0)
-        view.board.decide(
-            TaskDecision(task=task, plan=1, robots=("r1",), start_in_s=start_s, bids=(bid,), stamp_ns=90 * S)
-        )
+    times_s = {"a": (-10.0, 22.0), "b": (30.0, 55.0), "c": (60.0, 85.0)}
+    tasks = {task: estimate("r1", *times) for task, times in times_s.items()}
+    view.board.estimates = TaskEstimates(stamp_ns=90 * S, tasks={**tasks, "x": tasks["b"]})
     robot = view.robots["r1"] = ShownRobot("r1", 0)
     robot.state = RobotState(robot="r1", stamp_ns=NOW_NS, **state)  # type: ignore[arg-type]
     return view, robot
+
+
+def estimate(robot: str, starts_in_s: float, ends_in_s: float) -> TaskEstimate:
+    return TaskEstimate(
+        robot=robot,
+        starts_in_s=starts_in_s,
+        arrives_in_s=ends_in_s,
+        ends_in_s=ends_in_s,
+        ends_low_s=ends_in_s,
+        ends_high_s=ends_in_s,
+        energy_j=1.0,
+    )
 
 
 def charge(robot: str, from_s: int, until_s: int) -> PlannedCharge:
@@ -44,23 +54,20 @@ def charge(robot: str, from_s: int, until_s: int) -> PlannedCharge:
     )
 
 
-def test_planned_tasks_stand_where_the_plan_has_them() -> None:
+def test_tasks_stand_at_their_expected_times() -> None:
     view, robot = view_of()
     assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in planned_entries(view, robot, NOW_NS)] == [
+        (100, 112, "held"),
         (120, 145, "planned"),
         (150, 175, "planned"),
     ]
+    assert planned_entries(view, ShownRobot("r2", 1), NOW_NS) == []
+    assert [one.end_ns // S for one in planned_entries(view, robot, 120 * S)] == [145, 175]
 
 
-def test_task_that_is_held_ready_follows_the_one_that_the_robot_is_at() -> None:
-    task = TaskStatus(id="a", epoch=1, state=TaskState.RUNNING, remaining_s=12.0)
-    view, robot = view_of(task=task, next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
-    found = planned_entries(view, robot, NOW_NS)
-    assert [(one.start_ns // S, one.end_ns // S, one.kind) for one in found] == [
-        (100, 112, "held"),
-        (112, 137, "held"),
-        (150, 175, "planned"),
-    ]
+def test_task_that_its_robot_has_already_is_drawn_so() -> None:
+    view, robot = view_of(next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
+    assert [one.kind for one in planned_entries(view, robot, NOW_NS)] == ["held", "held", "planned"]
     assert "visit b: held ready" in gantt_html(view)
 
 

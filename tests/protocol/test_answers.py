@@ -82,6 +82,6 @@ def test_who_asks_is_told(wire):
 
 
 def test_a_deferred_reply_whose_sender_forgets_it_is_nobodys(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: Deferred([], lambda reply: None), robot="r1")
+    wire.robot.answer(ROBOT_PLUGINS, lambda _: Deferred(lambda reply: None), robot="r1")
     with pytest.raises(NobodyThere):
         wire.other.ask(ROBOT_PLUGINS, robot="r1", timeout_s=PATIENCE_S)

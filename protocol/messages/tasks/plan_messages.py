@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskEstimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
@@ -38,6 +38,13 @@ class TaskDecision(Message, frozen=True, kw_only=True):
     """The same as a value."""
     bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
     """By robot name: the cost on top of the rest of its route, or the reason of its exclusion."""
+
+
+class TaskEstimates(Message, frozen=True, kw_only=True):
+    """When the open tasks are expected to end; sent when one of them has moved, at most once a second."""
+
+    tasks: Annotated[dict[Name, TaskEstimate], Most] = msgspec.field(default_factory=dict)
+    """Of each task that a plan includes; seconds from the stamp of this message."""
 
 
 class PlanProblem(Message, frozen=True, kw_only=True):
@@ -135,6 +142,9 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
 TASK_DECISION = Topic(
     "task/decision", "Robots that the plan gives a task to, the costs of each robot, and the reason", TaskDecision,
     delivery=Delivery.LOSSLESS, cache=256, recorded=True)  # fmt: skip
+TASK_ESTIMATES = Topic(
+    "task/estimates", "When each open task is expected to begin and end, and its energy", TaskEstimates,
+    delivery=Delivery.LOSSLESS, recorded=True, max_bytes=8_388_608)  # fmt: skip
 TASK_PROBLEM = Topic(
     "task/problem", "A plan with all its inputs", PlanProblem, urgency=Urgency.BACKGROUND, recorded=True,
     max_bytes=67_108_864)  # fmt: skip

@@ -13,7 +13,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.ranges import Charge, Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import RobotReason, TaskReason, sentence_of
 from robrain.protocol.topic import Q, Query, R, Urgency
@@ -61,6 +61,24 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.json.encode(msgspec.structs.replace(self, by=""))
 
 
+class TaskEstimate(msgspec.Struct, frozen=True, kw_only=True):
+    """When a task is expected to begin and end, in seconds from now, and at what cost."""
+
+    robot: Name = ""
+    """The robot that does it, or is to do it."""
+    starts_in_s: Quantity
+    """Until its robot sets out; negative once it has."""
+    arrives_in_s: Quantity
+    """Until its robot is at the place; 0 once it is."""
+    ends_in_s: Quantity
+    ends_low_s: Quantity
+    """Lower end of the 90 % interval of `ends_in_s`."""
+    ends_high_s: Quantity
+    """Upper end of the 90 % interval of `ends_in_s`."""
+    energy_j: Quantity
+    """Of the path to its place and the work there: without the path to a charger, and without the reserve."""
+
+
 class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A task as it stands in the coordinator's book."""
 
@@ -88,6 +106,8 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Number of robots that have failed at it."""
     reason: TaskReason | None = None
     """Why it stands so; None if there is no reason, or only its words are known, as from an older journal."""
+    estimate: TaskEstimate | None = None
+    """Of an open task that a plan includes, as of the answer."""
 
     @property
     def event(self) -> TaskEvent:
@@ -167,8 +187,14 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """The same as a value."""
     distance_m: Quantity | None = None
     """Straight-line distance to the task; null if unknown."""
+    path_m: Quantity | None = None
+    """Length of the path to it, from where the robot is before."""
+    arrives_in_s: Quantity | None = None
+    """Time until it is at the place."""
     energy_j: Quantity | None = None
-    time_s: Quantity | None = None
+    """Of the path and the work at the place."""
+    left_soc: Charge | None = None
+    """State of charge when it is at a charger afterwards."""
 
     @classmethod
     def judged(
@@ -179,12 +205,10 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
         chosen: bool = False,
         distance_m: float | None = None,
         energy_j: float | None = None,
-        time_s: float | None = None,
     ) -> "RobotVerdict":
         """A verdict whose text is that of its reason."""
-        refusal = sentence_of(reason)
-        return cls(robot=robot, chosen=chosen, refusal=refusal, reason=reason,
-                   distance_m=distance_m, energy_j=energy_j, time_s=time_s)  # fmt: skip
+        return cls(robot=robot, chosen=chosen, refusal=sentence_of(reason), reason=reason, distance_m=distance_m,
+                   energy_j=energy_j)  # fmt: skip
 
 
 class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
@@ -206,6 +230,16 @@ class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
 
 
+class TaskDelay(msgspec.Struct, frozen=True, kw_only=True):
+    """The effect of a new task on another open task."""
+
+    task: Name
+    later_s: Quantity | None = None
+    """How much later it would end; None if no plan would include it any more."""
+    misses_deadline: bool = False
+    """Whether it would miss its deadline for this."""
+
+
 class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a submission if it came now. Nothing follows from asking."""
 
@@ -220,10 +254,13 @@ class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     reason: TaskReason | None = None
     """The same as a value."""
     robots: Annotated[list[RobotVerdict], Meta(max_length=100_000)] = []
-    """By robot name: the reason of its exclusion now, or time and energy by its own model. These cover the straight
-    line to the place and the service time there, and are lower bounds."""
+    """By robot name: the reason of its exclusion now, or the cost by a plan with the task."""
     ahead: Count = 0
     """Open tasks of at least its priority that no robot has begun."""
+    estimate: TaskEstimate | None = None
+    """By a plan with the task; None if no robot would do it."""
+    delays: Annotated[list[TaskDelay], Meta(max_length=100_000)] = []
+    """Other open tasks that would end later, or not be done."""
 
 
 def _flat(value: object, name: str = "") -> dict[str, object]:

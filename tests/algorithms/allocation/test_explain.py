@@ -25,8 +25,8 @@ def only_decision(problem):
 def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
     decision = only_decision(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
     assert decision.robots == ("r2",)
-    assert [bid.energy_j for bid in decision.bids] == [4.0, 3.0, 3.0]
-    assert [bid.time_s for bid in decision.bids] == [4.0, 3.0, 3.0]
+    assert [bid.energy_j for bid in decision.bids] == [2.0, 1.0, 1.0]
+    assert [bid.arrives_in_s for bid in decision.bids] == [2.0, 1.0, 1.0]
     assert decision.reason == Plain("cheapest", robots=("r2",), next_j=3.0)
 
 

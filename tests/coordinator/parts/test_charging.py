@@ -100,9 +100,9 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     run(team, [worker], 1.0)
     assert team.coordinator.planning.left_out == {}
     why = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
-    assert why.now.startswith("queued: r1 is to begin it in ")
-    assert "when it has charged to 35%" in why.now  # enough for the task; nothing waits for a full battery
-    assert why.record.why.startswith("waits until r1 has charged to 35%, in about ")
+    assert (why.record.reason.robot, why.record.reason.to_soc) == ("r1", 0.35)  # enough for the task, less than full
+    assert why.record.estimate.robot == "r1"
+    assert why.record.estimate.starts_in_s == pytest.approx(why.reason.values["in_s"], abs=0.1)
     assert status(team).planned == 1
     assert [offer.task.kind for offer in worker.robot.offers] == ["recharge"]  # offered when it is free
     assert run(team, [worker], 120.0, until=all_done(team))

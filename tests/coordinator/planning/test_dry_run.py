@@ -23,8 +23,11 @@ def test_a_dry_run_tells_what_the_task_would_take_each_robot_and_leaves_nothing_
     assert (found.refused, found.known, found.waits, found.ahead) == ("", None, "", 0)
     takes = {one.robot: one for one in found.robots}
     assert takes["r2"].distance_m < takes["r1"].distance_m
-    assert 5.0 < takes["r2"].time_s < takes["r1"].time_s
+    assert 0.0 < takes["r2"].arrives_in_s < takes["r1"].arrives_in_s
     assert 0.0 < takes["r2"].energy_j < takes["r1"].energy_j
+    assert found.estimate.robot == "r2"
+    assert found.estimate.ends_in_s == pytest.approx(found.estimate.arrives_in_s + 5.0, abs=0.2)
+    assert found.delays == []
     team.run(1.0)
     assert team.states() == {}
     assert far.offers == near.offers == []
@@ -72,3 +75,27 @@ def test_a_dry_run_counts_the_tasks_that_are_at_least_as_urgent_and_not_begun(te
     team.submit(visit("equal", priority=2.0))
     team.submit(visit("minor", priority=1.0))
     assert dry_run(team, visit(priority=2.0)).ahead == 2
+
+
+def test_a_dry_run_names_the_tasks_that_would_end_later_and_those_that_would_miss_their_deadline(team):
+    robot = team.settle("r1", 4.0)
+    team.submit(visit("now", x_m=4.5, service_s=5.0))
+    team.run(0.5)
+    team.submit(visit("waiting", x_m=8.0), deadline_in_s=40.0)
+    team.submit(visit("patient", x_m=8.5))
+    team.run(0.5)
+    urgent = visit("urgent", x_m=5.0, service_s=60.0, priority=1000.0, deadline_ns=75_000_000_000)
+    delays = {one.task: one for one in dry_run(team, urgent).delays}
+    assert set(delays) >= {"waiting", "patient"}
+    waiting = delays["waiting"]
+    assert waiting.misses_deadline or waiting.later_s is None
+    assert delays["patient"].later_s > 50.0
+    assert not delays["patient"].misses_deadline
+    assert [offer.task.id for offer in robot.offers] == ["now"]
+
+
+def test_a_dry_run_of_a_task_that_nobody_can_do_says_why(team):
+    team.settle("r1", 4.0)
+    team.closed_room()
+    found = dry_run(team, visit(x_m=40.0, y_m=40.0, deadline_ns=10**9))
+    assert found.refused or found.estimate is None

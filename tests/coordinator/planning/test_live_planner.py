@@ -1,12 +1,14 @@
 """Planning beside the coordinator's loop: the auction's plan at once, a better one later, the last question only."""
 
+import os
+import signal
 import time
 from types import SimpleNamespace
 
 import pytest
 
 from robrain.coordinator.planning import live_planner
-from robrain.coordinator.planning.live_planner import TRIES, Done, LivePlanner, Ready
+from robrain.coordinator.planning.live_planner import TRIES, Done, LivePlanner, Ready, Supposition
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot
@@ -44,6 +46,27 @@ def test_of_many_questions_the_last_is_answered(planner, made):
         planner.ask(open_floor_snapshot(number, 12), PlanningPolicy(deadline_s=0.2))
     plans = wait_for(planner, made, lambda found: found and found[-1].problem.plan == 29)
     assert len({plan.problem.plan for plan in plans}) < 29
+
+
+@pytest.mark.slow
+def test_suppositions_are_all_answered_beside_plans_and_those_of_a_lost_process_without_a_plan(planner, made):
+    def supposed(count):
+        found = []
+        until(lambda: found.extend(planner.supposed()) or len(found) >= count, "a supposition has no answer")
+        return found
+
+    planner.ask(open_floor_snapshot(1, 12), PlanningPolicy(deadline_s=0.2))
+    for number in range(1, 6):
+        planner.suppose(Supposition(number, open_floor_snapshot(number, number + 1), PlanningPolicy(), "t0"))
+    found = supposed(5)
+    assert [one.number for one in found] == [1, 2, 3, 4, 5]
+    assert [{decision.task for decision in one.planned.decisions} for one in found] == [{"t0"}] * 5
+    assert sum(len(steps) for steps in found[4].planned.steps.values()) == 6
+    wait_for(planner, made, lambda plans: any(plan.problem.plan == 1 for plan in plans))
+    os.kill(planner.pid, signal.SIGKILL)
+    planner.suppose(Supposition(6, open_floor_snapshot(6, 500), PlanningPolicy(), "t0"))
+    (lost,) = supposed(1)
+    assert lost.number == 6
 
 
 @pytest.mark.slow

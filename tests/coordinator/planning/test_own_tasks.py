@@ -39,7 +39,7 @@ def test_a_task_takes_its_way_and_a_charge_also_the_docking(task, path_m, expect
     decision = own_decision(task, STATE, path_m, 7, POLICY)
     assert decision is not None
     (bid,) = decision.bids
-    assert (bid.energy_j, bid.time_s) == pytest.approx(expected)
+    assert (bid.energy_j, bid.arrives_in_s) == pytest.approx(expected)
     assert (bid.robot, bid.chosen) == ("r1", True)
     assert decision.why == ("it has nothing else to do" if task is EXPLORE else "it is to charge to 95%")
     assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == (task.id, 7, ("r1",), 0.0)

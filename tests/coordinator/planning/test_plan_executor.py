@@ -45,8 +45,9 @@ class Plan:
     def exclusion(self, _robot: object, _now_ns: int) -> None:
         """No robot is excluded."""
 
-    def decision(self, _task_id: str) -> None:
+    def decision(self, _task_id: str) -> tuple[int, None]:
         """No decision was made."""
+        return 0, None
 
     def begun(self, task_id: str, robot: str) -> None:
         self.taken.append((task_id, robot))

@@ -49,7 +49,7 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
     made = plan_of([[], ["a", "b"]], job("a", 1, service_s=5.0), job("b", 3, earliest_s=20.0))
     assert made.steps == {
         "r0": (),
-        "r1": (PlannedStep("a", ns(2.0), 1.0, ns(3.0)), PlannedStep("b", ns(18.0), 2.0, ns(20.0))),
+        "r1": (PlannedStep("a", ns(2.0), 1.0, ns(3.0), 5.0, 1.0), PlannedStep("b", ns(18.0), 2.0, ns(20.0), 0.0, 2.0)),
     }  # it is free at 2, at a from 3 to 8, and could be at b at 10
     assert made.orders == {"r1": ("a", "b")}
     assert (made.problem, made.duration_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
@@ -57,13 +57,15 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
 
 def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
     made = plan_of([["a"]], job("a", 3, earliest_s=3.0))
-    assert made.steps["r0"] == (PlannedStep("a", ns(0.0), 3.0, ns(3.0)),)
+    assert made.steps["r0"] == (PlannedStep("a", ns(0.0), 3.0, ns(3.0), 0.0, 3.0),)
     assert plan_of([["a"]], job("a", 0)).steps["r0"] == (PlannedStep("a", ns(0.0), 0.0, ns(0.0)),)
 
 
-def test_what_a_robot_is_at_is_no_step_but_takes_its_time():
+def test_what_a_robot_is_at_comes_first_and_is_not_planned_again():
     made = plan_of([["a", "b"]], job("a", 1, service_s=5.0, pinned_to="r0"), job("b", 2))
-    assert made.steps == {"r0": (PlannedStep("b", ns(6.0), 1.0, ns(7.0)),)}
+    begun = PlannedStep("a", ns(0.0), 1.0, ns(1.0), 5.0, 1.0, has_begun=True)
+    assert made.steps == {"r0": (begun, PlannedStep("b", ns(6.0), 1.0, ns(7.0), 0.0, 1.0))}
+    assert made.orders == {"r0": ("b",)}
     assert [decision.task for decision in made.decisions] == ["b"]
 
 
@@ -77,14 +79,13 @@ def test_a_decision_is_told_with_every_robots_bid():
     [decision] = made.decisions
     assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == ("a", 7, ("r0",), 7.12)
     assert [(bid.robot, bid.chosen, bid.refusal) for bid in decision.bids] == [("r0", True, ""), ("r1", False, "")]
-    assert [bid.energy_j for bid in decision.bids] == [6.0, 6.0]
-    assert all(bid.time_s > 0 for bid in decision.bids)
+    assert [(bid.energy_j, bid.arrives_in_s) for bid in decision.bids] == [(3.0, 3.0), (3.0, 5.0)]
 
 
 def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
     made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(no_path())})
     [_, bid] = made.decisions[0].bids
-    assert (bid.robot, bid.chosen, bid.energy_j, bid.time_s) == ("r1", False, None, None)
+    assert (bid.robot, bid.chosen, bid.energy_j, bid.arrives_in_s) == ("r1", False, None, None)
     assert (bid.reason, bid.refusal) == (Refused(no_path()), "refused: no way there")
 
 

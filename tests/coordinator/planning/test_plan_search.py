@@ -173,7 +173,7 @@ def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_other
     assert f"$.task.{field}" in team.why("bad")
     assert robot.task.id == "good"
     why = team.ask(task_messages.TASK_EXPLAIN, TaskRequest(id="bad"), TaskExplanation)
-    assert why.now.startswith("failed: it cannot be carried out as requested")
+    assert why.reason.code == "unreadable"
     reopened.close()
 
 
@@ -191,4 +191,5 @@ def test_a_plan_that_cannot_be_made_at_all_is_told_as_the_reason(team, monkeypat
     team.submit(Task(id="w", kind="visit", place=Point2D(6.0, 4.0)))
     team.run(1.0)
     why = team.ask(task_messages.TASK_EXPLAIN, TaskRequest(id="v"), TaskExplanation)
-    assert why.now == "queued: no plan can be made: OverflowError: a defect"
+    assert why.reason.code == "no_plan"
+    assert "OverflowError: a defect" in why.now

@@ -145,7 +145,8 @@ def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_to
     assert "< 10" in decision.bids[0].refusal
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert found.robots[0].refusal == decision.bids[0].refusal
-    assert found.now.startswith("queued: the plan leaves it out: r1, which comes nearest: would leave")
+    assert (found.reason.because.robot, found.reason.because.because.code) == ("r1", "below_reserve")
+    assert found.record.estimate is None
     queued = team.history("t1")
     run(team, [worker], 5.0)
     assert team.history("t1") == queued  # told once

@@ -38,6 +38,19 @@ def why(task, grid=None, plugins=ALL, others=()) -> str:
     return impossibility(task, NOW_NS, grid=grid, plugins=plugins, others={record.task.id: record for record in others})
 
 
+def test_a_place_in_a_gap_where_no_robot_fits_is_refused() -> None:
+    gap = OccupancyGrid(GridGeometry(0.1, 0.0, 0.0, 100, 50))
+    cells = np.full((50, 50), OCCUPIED, np.int8)
+    cells[:, 24:28] = cells[:, :8] = FREE
+    gap.merge_patch(0, 0, cells, 5)
+
+    def refusal(x_m: float, radius_m: float) -> str:
+        return impossibility(visit(x_m), NOW_NS, grid=gap, plugins=ALL, others={}, radius_m=radius_m)
+
+    assert refusal(2.65, 0.15) == refusal(2.65, 0.0) == refusal(0.45, 0.3) == refusal(5.2, 0.3) == ""
+    assert refusal(2.65, 0.3) == "no robot fits within 0.8 m of (2.65, 1)"
+
+
 def known(task_id: str, state: TaskState = TaskState.QUEUED, after=(), told="") -> TaskRecord:
     return TaskRecord(task=visit(id=task_id, after=after), state=state, why=told)
 

@@ -70,7 +70,7 @@ def test_the_next_task_runs_as_soon_as_the_last_is_done_and_is_not_offered_again
 def test_who_asks_is_told_that_a_task_is_next(team, robot):
     until_held(team, robot)
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="b"), TaskExplanation)
-    assert found.now == "next at r1 after a"
+    assert found.reason.after == "a"
     assert team.why("b") == "it is next, after a"
 
 

@@ -94,7 +94,7 @@ def test_a_task_waits_for_those_before_it_and_for_its_time(team):
     team.submit(visit("later"), earliest_in_s=3.0)
     team.run(1.5)
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="second"), TaskExplanation)
-    assert found.now.endswith("first, which it waits for, is running")
+    assert found.now == "Queued. first, which it waits for, is running."
     robot.end(TaskState.DONE)
     team.run(0.2)
     assert [offer.task.id for offer in robot.offers] == ["first", "second"]
@@ -195,7 +195,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.submit(visit(), by="ann")
     team.run(0.2)
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
-    assert found.now == "running at r1"
+    assert found.now == "Running at r1."
     assert [(verdict.robot, verdict.chosen, verdict.refusal.split(" 1.")[0]) for verdict in found.robots] == [
         ("r1", True, ""),
         ("r2", False, "has no visit"),
@@ -208,7 +208,7 @@ def test_why_says_how_each_robot_was_judged_and_what_happened(team):
     team.submit(visit("t2"))
     team.run(0.6)
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="t2"), TaskExplanation)
-    assert found.now == "queued: it waits for a robot to be free"
+    assert found.reason.code == "waits_for_robot"
     assert found.robots[0].refusal == "is halted"
 
 

@@ -16,6 +16,7 @@ from tests.plugins.behavior.errands import Build, Errands, open_errands
 
 FAR = Point2D(5.0, 3.0)
 WALLED = Point2D(-300.0, 1.0)
+IN_PILLAR = Point2D(3.05, 2.05)
 NEXT_ROOM = Point2D(10.0, 2.0)
 UNSEEN = Point2D(5.6, 2.0)
 """Behind the pillar, where the robot has not looked."""
@@ -50,6 +51,15 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
     assert battery is not None
     assert status.result["energy_j"] > 3.0 * 5.0
     assert behavior(run) == "idle"
+
+
+@pytest.mark.slow
+def test_a_visit_that_ends_beside_its_place_says_so(errands):
+    run = errands("visit")
+    status = run.finish(Task(id="v", kind="visit", place=IN_PILLAR))
+    assert status.state is TaskState.DONE
+    assert status.result["off_m"] > 0.3
+    assert status.why == f"{status.result['off_m']:.2f} m from its place, which is not free"
 
 
 @pytest.mark.slow

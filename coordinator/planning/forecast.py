@@ -1,0 +1,245 @@
+"""When each open task begins, arrives and ends, and what it costs.
+
+The times follow the plan in force from the present: a running task ends when its robot says, and each later task of a
+route begins when the one before ends. Travel times are corrected by the median ratio of past times to planned ones. The
+intervals are quantiles of the same ratios for whole estimates.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
+from robrain.coordinator.planning.snapshot import HANDLING_S, AfterCharge
+from robrain.coordinator.planning.snapshot_builder import left_of
+from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.roster import Roster
+from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskEstimate, TaskRecord
+from robrain.protocol.model.tasks.task import TaskState
+
+KEPT_RATIOS = 200
+"""Past tasks that count."""
+PRIOR_TRAVEL_RATIOS = PRIOR_ENERGY_RATIOS = (1.0,) * 3
+PRIOR_QUEUED_RATIOS = (0.7, 0.8, 0.9, 0.95, 1.0, 1.0, 1.05, 1.1, 1.3, 1.6)
+PRIOR_BEGUN_RATIOS = (0.85, 0.9, 0.95, 0.97, 1.0, 1.0, 1.03, 1.05, 1.15, 1.3)
+"""Ratios of actual to estimated time before any task has ended."""
+INTERVAL = (0.05, 0.95)
+MOVED_NS = to_ns(1.0)
+SHORT_S = 1.0
+"""Shorter travel says nothing about the ratio."""
+
+
+class TaskTimes(NamedTuple):
+    """Expected times of a task, by the run's clock, and its energy as the plan has it."""
+
+    robot: str
+    leave_ns: int
+    arrive_ns: int
+    end_ns: int
+    energy_j: float
+    has_begun: bool
+
+
+class _Estimated(NamedTuple):
+    """An estimate that is compared with the end of its task."""
+
+    from_ns: int
+    end_ns: int
+    leave_ns: int
+
+
+class Forecast:
+    """Estimates of all open tasks.
+
+    Args:
+        book: the tasks.
+        roster: the robots.
+        after_charge: predicted ends of charges, by robot.
+        time_margin: factor on travel times that plans contain.
+
+    """
+
+    def __init__(
+        self, book: TaskBook, roster: Roster, after_charge: Mapping[str, AfterCharge], time_margin: float
+    ) -> None:
+        self._book, self._roster, self._after_charge, self._time_margin = book, roster, after_charge, time_margin
+        self.times: dict[str, TaskTimes] = {}
+        """Of the open tasks, as of the last update."""
+        self._published: dict[str, TaskTimes] = {}
+        self._steps: dict[str, PlannedStep] = {}
+        """The last step of each open task that was planned before the task began."""
+        self._queued: dict[str, _Estimated] = {}
+        self._begun: dict[str, _Estimated] = {}
+        self._travel_ratios = deque(PRIOR_TRAVEL_RATIOS, KEPT_RATIOS)
+        self._queued_ratios = deque(PRIOR_QUEUED_RATIOS, KEPT_RATIOS)
+        self._begun_ratios = deque(PRIOR_BEGUN_RATIOS, KEPT_RATIOS)
+        self._energy_ratios = deque(PRIOR_ENERGY_RATIOS, KEPT_RATIOS)
+        self._travel_ratio = self._energy_ratio = 1.0
+        self._queued_interval = _interval(self._queued_ratios)
+        self._begun_interval = _interval(self._begun_ratios)
+
+    def of(self, task_id: str, now_ns: int) -> TaskEstimate | None:
+        """The estimate of a task, as of the last update; None if no plan includes it."""
+        times = self.times.get(task_id)
+        return None if times is None else self.estimate(times, now_ns)
+
+    def estimate(self, times: TaskTimes, now_ns: int) -> TaskEstimate:
+        """Times as an estimate, with its interval."""
+        low, high = self._begun_interval if times.has_begun else self._queued_interval
+        ends_in_s = to_seconds(max(0, times.end_ns - now_ns))
+        return TaskEstimate(
+            robot=times.robot,
+            starts_in_s=round(to_seconds(times.leave_ns - now_ns), 1),
+            arrives_in_s=round(to_seconds(max(0, times.arrive_ns - now_ns)), 1),
+            ends_in_s=round(ends_in_s, 1),
+            ends_low_s=round(low * ends_in_s, 1),
+            ends_high_s=round(high * ends_in_s, 1),
+            energy_j=round(self._energy_ratio * times.energy_j, 1),
+        )
+
+    def corrected(self, bid: RobotVerdict, age_s: float) -> RobotVerdict:
+        """A plan's bid by experience, `age_s` after the plan was made."""
+        if bid.arrives_in_s is None or bid.energy_j is None:
+            return bid
+        arrives_in_s = max(0.0, self._travel_ratio * bid.arrives_in_s / self._time_margin - age_s)
+        return msgspec.structs.replace(
+            bid, arrives_in_s=round(arrives_in_s, 1), energy_j=round(self._energy_ratio * bid.energy_j, 1)
+        )
+
+    def update(self, plan: PlanInForce | None, now_ns: int) -> None:
+        """Follow the plan in force from the present state of the team."""
+        self._learn()
+        for steps in plan.steps.values() if plan is not None else ():
+            self._steps |= {step.task: step for step in steps if not step.has_begun}
+        self.times = self.times_of(plan, self._book.open, now_ns)
+        for task, times in self.times.items():
+            estimated = self._begun if times.has_begun else self._queued
+            if task not in estimated:
+                estimated[task] = _Estimated(now_ns, times.end_ns, times.leave_ns)
+
+    def has_moved(self) -> bool:
+        """Whether a time has moved by a second, or a task has come or gone, since this was last true."""
+        before, now = self._published, self.times
+        if before.keys() == now.keys() and not any(_differs(before[task], times) for task, times in now.items()):
+            return False
+        self._published = now
+        return True
+
+    def times_of(self, plan: PlanInForce | None, records: Sequence[TaskRecord], now_ns: int) -> dict[str, TaskTimes]:
+        """The times of open tasks by a plan, from the present state of the team; of tasks that have some."""
+        found: dict[str, list[tuple[str, PlannedStep]]] = {}
+        for robot, steps in sorted(plan.steps.items()) if plan is not None else ():
+            for step in steps:
+                found.setdefault(step.task, []).append((robot, step))
+        all_times: dict[str, TaskTimes] = {}
+        free_ns: dict[str, int] = {}
+        waiting = []
+        for record in records:
+            if record.own:
+                continue
+            if record.state is TaskState.RUNNING:
+                times = self._running(record, now_ns)
+                if times is not None:
+                    all_times[record.task.id] = times
+                    free_ns[record.robot] = times.end_ns
+            elif record.task.id in found and record.state in (TaskState.QUEUED, TaskState.OFFERED):
+                waiting.append(record)
+        waiting.sort(key=lambda one: (found[one.task.id][0][1].start_ns, one.task.id))
+        for record in waiting:
+            times = self._waiting(record, found[record.task.id], all_times, free_ns, now_ns)
+            if times is not None:
+                all_times[record.task.id] = times
+                for robot, _ in found[record.task.id]:
+                    free_ns[robot] = times.end_ns
+        return all_times
+
+    def _running(self, record: TaskRecord, now_ns: int) -> TaskTimes | None:
+        robot, step = self._roster.robots.get(record.robot), self._steps.get(record.task.id)
+        state = None if robot is None else robot.state
+        remaining_s = math.inf if state is None else left_of(record, state)
+        if not remaining_s < math.inf:
+            if step is None:
+                return None
+            remaining_s = max(0.0, self._whole_s(step) - to_seconds(now_ns - record.changed_ns))
+        service_s = 0.0 if step is None else step.service_s - HANDLING_S
+        end_ns = now_ns + to_ns(remaining_s)
+        arrive_ns = end_ns - to_ns(service_s)
+        return TaskTimes(
+            record.robot, record.changed_ns, arrive_ns, end_ns, 0.0 if step is None else step.energy_j, has_begun=True
+        )
+
+    def _waiting(
+        self,
+        record: TaskRecord,
+        steps: list[tuple[str, PlannedStep]],
+        all_times: dict[str, TaskTimes],
+        free_ns: dict[str, int],
+        now_ns: int,
+    ) -> TaskTimes | None:
+        """The times of a task that has not begun; None if another must end before it, and no plan includes that."""
+        start_ns, leave_ns, arrive_ns = max(now_ns, record.task.earliest_ns), 0, 0
+        for name in record.task.after:
+            other = self._book.find(name)
+            if other is not None and not other.state.ended:
+                if name not in all_times:
+                    return None
+                start_ns = max(start_ns, all_times[name].end_ns)
+        for robot, step in steps:
+            charged = self._after_charge.get(robot)
+            begin_ns = free_ns.get(robot, max(now_ns, charged.free_ns) if charged is not None else now_ns)
+            travel_ns = to_ns(self._travel_s(step))
+            arrive_ns = max(arrive_ns, begin_ns + travel_ns)
+            leave_ns = max(begin_ns, start_ns - travel_ns)
+        start_ns = max(start_ns, arrive_ns)
+        end_ns = start_ns + to_ns(steps[0][1].service_s - HANDLING_S)
+        energy_j = sum(step.energy_j for _, step in steps)
+        return TaskTimes(steps[0][0], leave_ns, arrive_ns, end_ns, energy_j, has_begun=False)
+
+    def _travel_s(self, step: PlannedStep) -> float:
+        return self._travel_ratio * (step.travel_s / self._time_margin + HANDLING_S)
+
+    def _whole_s(self, step: PlannedStep) -> float:
+        return self._travel_s(step) + step.service_s - HANDLING_S
+
+    def _learn(self) -> None:
+        """Compare the estimates of tasks that have ended with what they took."""
+        has_learned = False
+        for task in [name for name in (*self._queued, *self._begun) if not self._is_open(name)]:
+            queued, begun = self._queued.pop(task, None), self._begun.pop(task, None)
+            record, step = self._book.find(task), self._steps.pop(task, None)
+            if record is None or record.state is not TaskState.DONE:
+                continue
+            has_learned = True
+            for estimated, ratios in ((queued, self._queued_ratios), (begun, self._begun_ratios)):
+                if estimated is not None and estimated.end_ns > estimated.from_ns:
+                    ratios.append((record.changed_ns - estimated.from_ns) / (estimated.end_ns - estimated.from_ns))
+            if begun is not None and step is not None and step.travel_s > SHORT_S:
+                took_s = to_seconds(record.changed_ns - begun.leave_ns) - (step.service_s - HANDLING_S)
+                self._travel_ratios.append(took_s / (step.travel_s / self._time_margin + HANDLING_S))
+                energy_j = record.result.get("energy_j")
+                if isinstance(energy_j, float) and step.energy_j > 0:
+                    self._energy_ratios.append(energy_j / step.energy_j)
+        if has_learned:
+            self._travel_ratio, self._energy_ratio = median(self._travel_ratios), median(self._energy_ratios)
+            self._queued_interval = _interval(self._queued_ratios)
+            self._begun_interval = _interval(self._begun_ratios)
+
+    def _is_open(self, task: str) -> bool:
+        record = self._book.find(task)
+        return record is not None and not record.state.ended
+
+
+def _differs(one: TaskTimes, other: TaskTimes) -> bool:
+    moved_ns = max(abs(one.arrive_ns - other.arrive_ns), abs(one.end_ns - other.end_ns))
+    return one.robot != other.robot or one.has_begun != other.has_begun or moved_ns >= MOVED_NS
+
+
+def _interval(ratios: deque[float]) -> tuple[float, float]:
+    low, high = np.quantile(ratios, INTERVAL)
+    return min(1.0, float(low)), max(1.0, float(high))
