@@ -289,7 +289,7 @@ class NearestOut(Reason, frozen=True, tag="nearest_out"):
 PlanReason = HolderLacksEnergy | NearestOut | PlainReason
 
 
-NO_WAY_AND_BACK = "no_way_and_back"
+NO_ROUND_TRIP = "no_way_and_back"
 """Kind of the reason that a robot has no path to a task's place and then to a charger."""
 
 

@@ -23,7 +23,7 @@ from robrain.algorithms.allocation.problem import (
 from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.reasons import (
-    NO_WAY_AND_BACK,
+    NO_ROUND_TRIP,
     BelowReserve,
     LacksEnergy,
     NearestOut,
@@ -47,8 +47,8 @@ def explain(
 ) -> list[TaskDecision]:
     """Return the decisions of a plan.
 
-    Each robot's figures are those of the cheapest position in its route of the plan, with all other jobs in place: the
-    path from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait
+    A robot's figures are those of the cheapest position in its route, with all other jobs in place. They cover the path
+    from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait
     for keep their windows.
 
     Args:
@@ -248,7 +248,7 @@ def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) 
                 return plain("forbidden", "is not to be given it")
             return plain("not_ready", "has to charge first, and others can do it now")
         case code if code == NO_PATH:
-            return plain(NO_WAY_AND_BACK, "cannot reach it and then a charger")
+            return plain(NO_ROUND_TRIP, "cannot reach it and then a charger")
         case code if code == TOO_LATE:
             start_s = _figure(judgement.start_s)
             text = f"cannot be there before {start_s:.0f} s"

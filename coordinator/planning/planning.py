@@ -248,7 +248,15 @@ class Planning:
 
     def step(self, now_ns: int) -> bool:
         """Detect changes, request a plan if one is needed, and take finished plans; True if there is a new plan."""
-        has_plan = self.is_on and self._step(now_ns)
+        has_plan = False
+        if self.is_on:
+            if now_ns >= self._check_ns or self._seen_version != self._book.version or self._costs.is_waiting:
+                self._update_cause(now_ns)
+            if self._cause and now_ns >= self._not_before_ns:
+                self._ask(now_ns)
+            if self._suppositions:
+                self._follow_supposed()
+            has_plan = self._follow_finished(now_ns)
         if has_plan or now_ns >= self._forecast_ns:
             self._forecast_ns = now_ns + FORECAST_NS
             self.forecast.update(self._plan, now_ns)
@@ -256,15 +264,6 @@ class Planning:
                 tasks = {task: self.forecast.estimate(times, now_ns) for task, times in self.forecast.times.items()}
                 self._estimates_publisher.put(TaskEstimates(tasks=tasks))
         return has_plan
-
-    def _step(self, now_ns: int) -> bool:
-        if now_ns >= self._check_ns or self._seen_version != self._book.version or self._costs.is_waiting:
-            self._update_cause(now_ns)
-        if self._cause and now_ns >= self._not_before_ns:
-            self._ask(now_ns)
-        if self._suppositions:
-            self._follow_supposed()
-        return self._follow_finished(now_ns)
 
     def receive(self, before: RobotState | None, state: RobotState) -> None:
         """Compare a robot's new state with its last, and plan without delay if a plan depends on the change."""

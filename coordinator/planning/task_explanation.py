@@ -23,7 +23,7 @@ from robrain.protocol.messages.tasks.task_messages import (
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
 from robrain.protocol.reasons import (
-    NO_WAY_AND_BACK,
+    NO_ROUND_TRIP,
     IsNext,
     NearestOut,
     PlanLeavesOut,
@@ -215,7 +215,7 @@ class TaskExplainer:
             robot = f" {'by' if record.state is TaskState.DONE else 'at'} {record.robot}" if record.robot else ""
             return f"{state}{robot}. {self._as_sentence(record.why)}".rstrip()
         nearest = reason.because if isinstance(reason, PlanLeavesOut) else None
-        if isinstance(nearest, NearestOut) and nearest.because.code == NO_WAY_AND_BACK:
+        if isinstance(nearest, NearestOut) and nearest.because.code == NO_ROUND_TRIP:
             place = record.task.place
             words = f"No robot can reach ({place.x_m:g}, {place.y_m:g}) and then a charger. {nearest.robot} is nearest."
         else:

@@ -25,8 +25,8 @@ EXPLORED_S = {"depot": 110.0, "office": 140.0, "hospital": 200.0}
 """Time for exploration before the tasks."""
 LONGEST_S = 300.0
 """Time after the last submission in which tasks may end."""
-TASK_S = 40.0
-"""A robot gets a task in this time on average (chosen: a short queue builds up, and is worked off)."""
+TASK_S = 80.0
+"""A robot gets a task in this time on average (chosen: short queues build up, and are worked off)."""
 CLEARANCE_M = 0.6
 """Of the places, from walls."""
 SERVICES_S = (0.0, 5.0, 20.0)

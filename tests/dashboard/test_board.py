@@ -11,8 +11,7 @@ from robrain.dashboard.panels.halt_control import acknowledgements
 from robrain.dashboard.state.alerts import AlertLevel, alerts_of
 from robrain.dashboard.state.radio_links import relay_lines
 from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
-from robrain.dashboard.state.shown_team import ShownTeam
-from robrain.dashboard.state.task_board import TaskBoard
+from robrain.dashboard.state.shown_team import ShownTeam, TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.robots.witness_messages import Lead
