@@ -132,13 +132,14 @@ class Forecast:
     def of(self, task_id: str, now_ns: int) -> TaskEstimate | None:
         """The estimate of a task, as of the last update; None if no plan includes it."""
         times = self.times.get(task_id)
-        return None if times is None else self.estimate(times, now_ns)
+        return None if times is None else self.estimate(task_id, times, now_ns)
 
-    def estimate(self, times: TaskTimes, now_ns: int) -> TaskEstimate:
+    def estimate(self, task_id: str, times: TaskTimes, now_ns: int) -> TaskEstimate:
         """Times as an estimate, with its interval."""
         low, high = self._begun_interval if times.has_begun else self._queued_interval
         ends_in_s = to_seconds(max(0, times.end_ns - now_ns))
         return TaskEstimate(
+            task=task_id,
             robot=times.robot,
             starts_in_s=round(to_seconds(times.leave_ns - now_ns), 1),
             arrives_in_s=round(to_seconds(max(0, times.arrive_ns - now_ns)), 1),

@@ -261,8 +261,8 @@ class Planning:
             self._forecast_ns = now_ns + FORECAST_NS
             self.forecast.update(self._plan, now_ns)
             if self.forecast.has_moved():
-                tasks = {task: self.forecast.estimate(times, now_ns) for task, times in self.forecast.times.items()}
-                self._estimates_publisher.put(TaskEstimates(tasks=tasks))
+                tasks = (self.forecast.estimate(task, times, now_ns) for task, times in self.forecast.times.items())
+                self._estimates_publisher.put(TaskEstimates(tasks=tuple(tasks)))
         return has_plan
 
     def receive(self, before: RobotState | None, state: RobotState) -> None:

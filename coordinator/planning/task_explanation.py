@@ -155,7 +155,7 @@ class TaskExplainer:
                 reason=reason or (None if found is None or found.robots else found.reason),
                 robots=self.judge(record, now_ns, decision=found),
                 ahead=sum(one.task.priority >= task.priority for one in waiting),
-                estimate=None if times is None else forecast.estimate(times, now_ns),
+                estimate=None if times is None else forecast.estimate(task.id, times, now_ns),
                 delays=list(self._delays(before, after)),
             )
             answer(result)

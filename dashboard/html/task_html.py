@@ -38,7 +38,7 @@ def queue_html(view: ShownTeam, *, is_live: bool, done: int = 0) -> str:
     if not open_tasks and not ended:
         unlisted = "Explorations, and tasks finished before this page was started, are not listed."
         return placeholder(f"No open tasks. {unlisted}" if done else "No tasks yet.", "no-tasks")
-    estimates = view.board.estimates.tasks
+    estimates = {estimate.task: estimate for estimate in view.board.estimates.tasks}
     return render(
         "tasks", "queue", events=[*open_tasks, *ended], estimates=estimates, is_live=is_live, long_id=LONG_ID.match
     )
@@ -125,7 +125,8 @@ def planned_entries(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Pla
     """The rest of a robot's current task, its later tasks, and its charges, at their expected times."""
     found: list[PlannedEntry] = []
     estimates, next_task = view.board.estimates, None if robot.state is None else robot.state.next_task
-    for task, estimate in estimates.tasks.items():
+    for estimate in estimates.tasks:
+        task = estimate.task
         event, end_ns = view.tasks.get(task), estimates.stamp_ns + to_ns(estimate.ends_in_s)
         if event is None or estimate.robot != robot.name or end_ns <= now_ns:
             continue

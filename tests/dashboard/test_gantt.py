@@ -29,16 +29,17 @@ def view_of(**state: object) -> tuple[ShownTeam, ShownRobot]:
             TaskEvent(task=Task(id=task, kind="visit", place=PLACE), state=status, robot="r1", stamp_ns=80 * S)
         )
     times_s = {"a": (-10.0, 22.0), "b": (30.0, 55.0), "c": (60.0, 85.0)}
-    tasks = {task: estimate("r1", *times) for task, times in times_s.items()}
-    view.board.estimates = TaskEstimates(stamp_ns=90 * S, tasks={**tasks, "x": tasks["b"]})
+    tasks = tuple(estimate(task, *times) for task, times in times_s.items())
+    view.board.estimates = TaskEstimates(stamp_ns=90 * S, tasks=(*tasks, estimate("gone", 0.0, 90.0)))
     robot = view.robots["r1"] = ShownRobot("r1", 0)
     robot.state = RobotState(robot="r1", stamp_ns=NOW_NS, **state)  # type: ignore[arg-type]
     return view, robot
 
 
-def estimate(robot: str, starts_in_s: float, ends_in_s: float) -> TaskEstimate:
+def estimate(task: str, starts_in_s: float, ends_in_s: float) -> TaskEstimate:
     return TaskEstimate(
-        robot=robot,
+        task=task,
+        robot="r1",
         starts_in_s=starts_in_s,
         arrives_in_s=ends_in_s,
         ends_in_s=ends_in_s,

@@ -43,7 +43,7 @@ class TaskDecision(Message, frozen=True, kw_only=True):
 class TaskEstimates(Message, frozen=True, kw_only=True):
     """When the open tasks are expected to end; sent when one of them has moved, at most once a second."""
 
-    tasks: Annotated[dict[Name, TaskEstimate], Most] = msgspec.field(default_factory=dict)
+    tasks: Annotated[tuple[TaskEstimate, ...], Most] = ()
     """Of each task that a plan includes; seconds from the stamp of this message."""
 
 

@@ -64,7 +64,8 @@ class TaskSubmission(msgspec.Struct, frozen=True, kw_only=True):
 class TaskEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """When a task is expected to begin and end, in seconds from now, and at what cost."""
 
-    robot: Name = ""
+    task: Name
+    robot: Name
     """The robot that does it, or is to do it."""
     starts_in_s: Quantity
     """Until its robot sets out; negative once it has."""

@@ -125,10 +125,12 @@ def test_estimates_are_published_when_one_has_moved(team):
     report(robot, 90.0)
     team.run(1.2)
     (received,) = inbox.drain()
-    assert received.message.tasks["t"].ends_in_s == pytest.approx(90.0, abs=1.1)
+    (moved,) = received.message.tasks
+    assert (moved.task, moved.robot) == ("t", "r1")
+    assert moved.ends_in_s == pytest.approx(90.0, abs=1.1)
     robot.end(TaskState.DONE)
     team.run(1.2)
-    assert inbox.drain()[-1].message.tasks == {}
+    assert inbox.drain()[-1].message.tasks == ()
 
 
 def test_estimates_are_in_lists_and_only_of_open_tasks(team):
