@@ -19,8 +19,9 @@ import msgspec
 
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot import Snapshot
+from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
 from robrain.protocol.backoff import Backoff
+from robrain.protocol.messages.tasks.task_messages import TaskCause
 from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
 
 MODULE = "robrain.coordinator.planning.worker_main"
@@ -44,13 +45,15 @@ class PlanRequest(NamedTuple):
 
 
 class Supposition(NamedTuple):
-    """A request for the plan that would follow from one more task; nothing is executed."""
+    """A request for a plan that is not executed, about one task; it may be one more."""
 
     number: int
     snapshot: Snapshot
     policy: PlanningPolicy
     task: str
     """The task, whose decision is explained."""
+    absent: dict[str, PlanningRobot] = {}  # noqa: RUF012 - never changed
+    """Robots of the team that plans exclude now."""
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
@@ -81,6 +84,8 @@ class Supposed(msgspec.Struct, frozen=True, tag=True):
     number: int
     planned: PlanInForce | None
     """None if there is none."""
+    causes: list[TaskCause] = []
+    """Changes with which a plan would include the task, if this one does not."""
 
 
 Reply = Ready | Made | PlanFailed | Done | Supposed
@@ -241,7 +246,7 @@ class LivePlanner:
         self.prepare()
 
     def suppose(self, supposition: Supposition) -> None:
-        """Request the plan that would follow from one more task."""
+        """Request a plan that is not executed."""
         self._pending.add(supposition.number)
         self._suppositions.append(supposition)
         self._wake.set()

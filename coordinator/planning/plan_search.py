@@ -24,6 +24,7 @@ from robrain.algorithms.allocation.problem import Problem, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
+from robrain.coordinator.planning.causes import changes
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
@@ -33,7 +34,7 @@ from robrain.coordinator.planning.problem_builder import BuiltProblem, build_pro
 from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.tasks.task_messages import CauseKind, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.ranges import cut
@@ -262,6 +263,24 @@ class PlanSearch:
         draft.asked.waiting.update(wrong)
         return draft
 
+    def suppose(self, asked: Supposition) -> Supposed:
+        """Make a plan that is not executed, and find out what keeps its task from being done."""
+        try:
+            planned = self.draft(asked.snapshot, asked.policy).planned(only=asked.task)
+            if any(step.task == asked.task for steps in planned.steps.values() for step in steps):
+                return Supposed(asked.number, planned)
+            causes = []
+            for change in changes(asked.snapshot, asked.task, asked.absent):
+                search = PlanSearch() if change.cause.kind is CauseKind.WAY else self  # it keeps the paths of one floor
+                plan = search.draft(change.snapshot, asked.policy).solver.plan
+                ends_s = [stop.end_s for route in plan.routes for stop in route.stops if stop.job == asked.task]
+                if ends_s:
+                    causes.append(msgspec.structs.replace(change.cause, ends_in_s=round(max(ends_s), 1)))
+            return Supposed(asked.number, planned, sorted(causes, key=lambda one: one.ends_in_s or 0.0))
+        except Exception:  # as for a plan
+            logger.exception("no plan can be made for the supposed task %s", asked.task)
+            return Supposed(asked.number, None)
+
     def _find_wrong(self, snapshot: Snapshot, policy: PlanningPolicy) -> dict[str, TaskReason]:
         wrong: dict[str, TaskReason] = {}
         for record in snapshot.records:
@@ -375,12 +394,7 @@ class LockstepPlanner:
     def suppose(self, supposition: Supposition) -> None:
         """See `LivePlanner`."""
         _warm_up_once()
-        try:
-            plan = self._search.draft(supposition.snapshot, supposition.policy).planned(only=supposition.task)
-            self._supposed.append(Supposed(supposition.number, plan))
-        except Exception:  # as above
-            logger.exception("no plan can be made for the supposed task %s", supposition.task)
-            self._supposed.append(Supposed(supposition.number, None))
+        self._supposed.append(self._search.suppose(supposition))
 
     def supposed(self) -> list[Supposed]:
         """See `LivePlanner`."""

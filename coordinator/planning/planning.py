@@ -15,7 +15,7 @@ import msgspec
 from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S, PLENTY_J, capacity_j, profile_of
 from robrain.coordinator.planning.forecast import Forecast
-from robrain.coordinator.planning.live_planner import LivePlanner, Supposition
+from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge, ChargerDistances, PlanningRobot, Snapshot
@@ -207,7 +207,7 @@ class Planning:
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
         self._forecast_ns = 0
-        self._suppositions: dict[int, Callable[[PlanInForce | None], None]] = {}
+        self._suppositions: dict[int, Callable[[Supposed], None]] = {}
         self._supposition = 0
         """Number of the last one."""
         self._inputs = PlanInputs()
@@ -336,35 +336,37 @@ class Planning:
             published={task: decision.robots for task, (_, decision) in self._decisions.items()},
         )
 
-    def suppose(self, record: TaskRecord, now_ns: int, on_plan: Callable[[PlanInForce | None], None]) -> None:
-        """Make the plan that would follow from one more task, without executing it.
+    def suppose(self, record: TaskRecord, now_ns: int, on_plan: Callable[[Supposed], None]) -> None:
+        """Make a plan with a task, without executing it.
 
         Args:
-            record: of the task, which is not in the book.
+            record: of the task, which may be one more than there are.
             now_ns: the time.
-            on_plan: called in a step of the coordinator with the plan, or None if there is none.
+            on_plan: called in a step of the coordinator with the plan.
 
         Raises:
             CallError: too many wait for such a plan.
 
         """
         records, members, pauses = self._plannable(now_ns), self._builder.members(now_ns), self._backoff.pauses(now_ns)
-        if not self.is_on or not members:
-            on_plan(None)
+        if not self.is_on:
+            on_plan(Supposed(0, None))
             return
         if len(self._suppositions) >= SUPPOSITIONS_MAX:
             raise CallError(ErrorCode.BUSY, f"{SUPPOSITIONS_MAX} dry runs are in progress; ask again later")
         self._supposition += 1
         self._suppositions[self._supposition] = on_plan
-        snapshot = self._snapshot([*records, record], members, pauses, f"what if {record.task.id}", now_ns)
-        self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id))
+        others = [one for one in records if one.task.id != record.task.id]
+        snapshot = self._snapshot([*others, record], members, pauses, f"what if {record.task.id}", now_ns)
+        absent = {name: robot for name, robot in self._builder.absent().items() if name not in members}
+        self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
         self._follow_supposed()
 
     def _follow_supposed(self) -> None:
         for one in self._planner.supposed():
             on_plan = self._suppositions.pop(one.number, None)
             if on_plan is not None:
-                on_plan(one.planned)
+                on_plan(one)
 
     def _follow_finished(self, now_ns: int) -> bool:
         made = self._planner.finished_plans()

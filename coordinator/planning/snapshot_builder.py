@@ -83,14 +83,24 @@ class SnapshotBuilder:
                 if after is None or not is_charging(self._roster.robots[name], self._book.of_robot(name)):
                     continue
                 state, free_ns = when_charged(state, after), max(after.free_ns, now_ns + SOON_FREE_NS)
-            members[name] = PlanningRobot(
-                state=state,
-                offers=self._capabilities.plugins.get(name),
-                chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
-                home=self._chargers.home.get(name) or _here(state),
-                free_ns=free_ns,
-            )
+            members[name] = self._member(name, state, free_ns)
         return members
+
+    def absent(self) -> dict[str, PlanningRobot]:
+        """All robots whose place is known, as they were last received, whether plans can use them or not."""
+        states = {name: robot.state for name, robot in self._roster.robots.items()}
+        return {
+            name: self._member(name, one) for name, one in states.items() if one is not None and one.pose is not None
+        }
+
+    def _member(self, name: str, state: RobotState, free_ns: int = 0) -> PlanningRobot:
+        return PlanningRobot(
+            state=state,
+            offers=self._capabilities.plugins.get(name),
+            chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
+            home=self._chargers.home.get(name) or _here(state),
+            free_ns=free_ns,
+        )
 
     def done_before(self, records: Iterable[TaskRecord], open_ids: set[str]) -> frozenset[str]:
         """Tasks that these wait for and that are done."""

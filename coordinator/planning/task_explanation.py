@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import msgspec
 
 from robrain.coordinator.planning.forecast import TaskTimes
-from robrain.coordinator.planning.plan_in_force import PlanInForce
+from robrain.coordinator.planning.live_planner import Supposed
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.eligibility import NOBODY_THERE
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
@@ -92,6 +92,21 @@ class TaskExplainer:
             changes=self._book.journal.history(record.task.id),
         )
 
+    def find_causes(
+        self, found: TaskExplanation, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
+    ) -> None:
+        """Answer an explanation with the changes that would let a plan include the task."""
+        try:
+            self._planning.suppose(
+                found.record, now_ns, lambda one: answer(msgspec.structs.replace(found, causes=one.causes))
+            )
+        except CallError as error:
+            answer(error)
+
+    def is_left_out(self, record: TaskRecord) -> bool:
+        """Whether the plan leaves a queued task out."""
+        return record.state is TaskState.QUEUED and record.task.id in self._planning.left_out
+
     def estimated(self, record: TaskRecord, now_ns: int) -> TaskRecord:
         """The record of an open task with its estimate."""
         if record.state.ended:
@@ -143,8 +158,8 @@ class TaskExplainer:
         waiting = [one for one in self._book.open if not one.own and one.state is TaskState.QUEUED]
         before = self._planning.forecast.times
 
-        def on_plan(plan: PlanInForce | None) -> None:
-            forecast, found = self._planning.forecast, None
+        def on_plan(supposed: Supposed) -> None:
+            plan, forecast, found = supposed.planned, self._planning.forecast, None
             after = forecast.times_of(plan, [*self._book.open, record], now_ns)
             for decision in plan.decisions if plan is not None else ():
                 found = decision if decision.task == task.id else found
@@ -156,7 +171,8 @@ class TaskExplainer:
                 robots=self.judge(record, now_ns, decision=found),
                 ahead=sum(one.task.priority >= task.priority for one in waiting),
                 estimate=None if times is None else forecast.estimate(task.id, times, now_ns),
-                delays=list(self._delays(before, after)),
+                delays=list(self._delays(before, after)) if plan is not None else [],
+                causes=supposed.causes,
             )
             answer(result)
 

@@ -26,7 +26,6 @@ from robrain.coordinator.planning.live_planner import (
     PlanRequest,
     Ready,
     Reply,
-    Supposed,
     Supposition,
     receive,
     send,
@@ -77,7 +76,7 @@ def _serve(requests: socket.socket, replies: socket.socket) -> None:
             return
         try:
             if request is None:
-                reply(_suppose(search, waiting.popleft()))
+                reply(search.suppose(waiting.popleft()))
             else:
                 _answer(search, request, is_asked, reply)
         except OSError:  # the coordinator has ended, and this process is about to
@@ -86,14 +85,6 @@ def _serve(requests: socket.socket, replies: socket.socket) -> None:
             reply(PlanFailed(traceback.format_exc()))
         if request is not None:
             reply(Done(request.number))
-
-
-def _suppose(search: "PlanSearch", asked: Supposition) -> Supposed:
-    try:
-        return Supposed(asked.number, search.draft(asked.snapshot, asked.policy).planned(only=asked.task))
-    except Exception:  # as for a plan
-        logging.getLogger(__name__).exception("no plan can be made for the supposed task %s", asked.task)
-        return Supposed(asked.number, None)
 
 
 def _answer(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskDryRun, TaskEstimate
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskCause, TaskDryRun, TaskEstimate
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 
@@ -89,6 +89,10 @@ def point(option: str, text: str) -> list[float]:
     return [x_m, y_m]
 
 
+CAUSES = 3
+"""Changes that are shown."""
+
+
 def verdict_line(verdict: RobotVerdict) -> str:
     """Cost of a task for a robot, or the reason why the robot is excluded."""
     words = []
@@ -118,10 +122,17 @@ def dry_run_lines(found: TaskDryRun) -> list[str]:
     if found.estimate is not None:
         lines.append(estimate_text(found.estimate))
     lines += map(verdict_line, found.robots)
+    lines += [cause_text(cause) for cause in found.causes[:CAUSES]]
     for delay in found.delays:
         later = "not be done" if delay.later_s is None else f"end {delay.later_s:.0f} s later"
         lines.append(f"{delay.task} would {later}{', after its deadline' if delay.misses_deadline else ''}")
     return lines
+
+
+def cause_text(cause: TaskCause) -> str:
+    """A change with which a task could be done."""
+    ends = "" if cause.ends_in_s is None else f", in {cause.ends_in_s:.0f} s"
+    return f"  it could be done {cause.words}{ends}"
 
 
 def estimate_text(estimate: TaskEstimate) -> str:

@@ -3,6 +3,8 @@
 As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
 """
 
+import math
+from enum import StrEnum
 from types import NoneType
 from typing import Annotated
 
@@ -13,6 +15,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import RobotReason, TaskReason, sentence_of
@@ -212,6 +215,48 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
                    energy_j=energy_j)  # fmt: skip
 
 
+class CauseKind(StrEnum):
+    """Kind of a change with which a task could be done."""
+
+    BATTERY = "battery"
+    """A robot had a full battery."""
+    ROBOT = "robot"
+    """A robot that plans exclude now could be used."""
+    TASK = "task"
+    """Another task was not there."""
+    WAY = "way"
+    """An obstacle was not there, such as a closed door."""
+
+
+class TaskCause(msgspec.Struct, frozen=True, kw_only=True):
+    """A change of the present with which a plan would include a task that it leaves out."""
+
+    kind: CauseKind
+    name: Name = ""
+    """Of the robot or the task."""
+    place: Point2D | None = None
+    """Of the obstacle, arena frame."""
+    ends_in_s: Quantity | None = None
+    """When the task would end then."""
+
+    @property
+    def words(self) -> str:
+        """The change as a condition: `if r2 had a full battery`."""
+        match self.kind:
+            case CauseKind.BATTERY:
+                return f"if {self.name} had a full battery"
+            case CauseKind.ROBOT:
+                return f"if {self.name} could be used"
+            case CauseKind.TASK:
+                return f"without {self.name}"
+            case CauseKind.WAY:
+                x_m, y_m = (self.place.x_m, self.place.y_m) if self.place is not None else (math.nan, math.nan)
+                return f"if the way at ({x_m:g}, {y_m:g}) were open"
+
+
+Causes = Annotated[list[TaskCause], Meta(max_length=1000)]
+
+
 class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """Why a task stands as it does."""
 
@@ -227,6 +272,8 @@ class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """When they were judged; 0 if never."""
     changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
     """The last ones, oldest first."""
+    causes: Causes = []
+    """Of a task that the plan leaves out: single changes with which it could be done, the soonest end first."""
     trace: Name = ""
     """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
 
@@ -262,6 +309,8 @@ class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     """By a plan with the task; None if no robot would do it."""
     delays: Annotated[list[TaskDelay], Meta(max_length=100_000)] = []
     """Other open tasks that would end later, or not be done."""
+    causes: Causes = []
+    """As in `TaskExplanation`."""
 
 
 def _flat(value: object, name: str = "") -> dict[str, object]:
