@@ -21,7 +21,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskEstimate, TaskRecord
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 
 KEPT_RATIOS = 200
 """Past tasks that count."""
@@ -51,6 +51,7 @@ class TaskTimes(NamedTuple):
     end_ns: int
     energy_j: float
     has_begun: bool
+    is_late: bool = False
 
 
 class _Estimated(NamedTuple):
@@ -109,6 +110,7 @@ class Forecast:
             ends_low_s=round(low * ends_in_s, 1),
             ends_high_s=round(high * ends_in_s, 1),
             energy_j=round(self._energy_ratio * times.energy_j, 1),
+            is_late=times.is_late,
         )
 
     def corrected(self, bid: RobotVerdict, age_s: float) -> RobotVerdict:
@@ -157,7 +159,7 @@ class Forecast:
             if record.state is TaskState.RUNNING:
                 times = self._running(record, now_ns)
                 if times is not None:
-                    all_times[record.task.id] = times
+                    all_times[record.task.id] = _judged(times, record.task)
                     free_ns[record.robot] = times.end_ns
             elif record.task.id in found and record.state in (TaskState.QUEUED, TaskState.OFFERED):
                 waiting.append(record)
@@ -165,7 +167,7 @@ class Forecast:
         for record in waiting:
             times = self._waiting(record, found[record.task.id], all_times, free_ns, now_ns)
             if times is not None:
-                all_times[record.task.id] = times
+                all_times[record.task.id] = _judged(times, record.task)
                 for robot, _ in found[record.task.id]:
                     free_ns[robot] = times.end_ns
         return all_times
@@ -246,9 +248,15 @@ class Forecast:
         return record is not None and not record.state.ended
 
 
+def _judged(times: TaskTimes, task: Task) -> TaskTimes:
+    """The times, late if the deadline will probably be missed."""
+    return times if task.deadline_ns is None else times._replace(is_late=times.end_ns > task.deadline_ns)
+
+
 def _differs(one: TaskTimes, other: TaskTimes) -> bool:
     moved_ns = max(abs(one.arrive_ns - other.arrive_ns), abs(one.end_ns - other.end_ns))
-    return one.robot != other.robot or one.has_begun != other.has_begun or moved_ns >= MOVED_NS
+    names = (one.robot, one.has_begun, one.is_late), (other.robot, other.has_begun, other.is_late)
+    return names[0] != names[1] or moved_ns >= MOVED_NS
 
 
 def _interval(ratios: deque[float]) -> tuple[float, float]:

@@ -47,7 +47,8 @@ def show_table(records: list[Any]) -> None:
     table = new_table("task", "kind", "state", "robot", "ends in", "priority", "by", "why")
     for record in records:
         task = record.task
-        ends = "" if record.estimate is None else f"{record.estimate.ends_in_s:.0f} s"
+        estimate = record.estimate
+        ends = "" if estimate is None else f"{estimate.ends_in_s:.0f} s{', late' if estimate.is_late else ''}"
         row = (task.id, task.kind, record.state, record.robot, ends, f"{task.priority:g}", record.by, record.why)
         table.add_row(*map(safe_lines, row))
     results().print(table)

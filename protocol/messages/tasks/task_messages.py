@@ -81,6 +81,8 @@ class TaskEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """Upper end of the 90 % interval of `ends_in_s`."""
     energy_j: Quantity
     """Of the path to its place and the work there: without the path to a charger, and without the reserve."""
+    is_late: bool = False
+    """Whether it will probably miss its deadline."""
 
 
 class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -109,6 +109,23 @@ def test_robot_that_takes_longer_than_planned_is_expected_to_do_so_again(team):
     assert after == pytest.approx(taken_s, rel=0.1)
 
 
+def test_task_that_will_miss_its_deadline_is_announced_before_it_has_passed(team):
+    inbox = Inbox(1000, every=True)
+    team.endpoint().subscribe(inbox, TASK_ESTIMATES)
+    robot = team.settle("r1", 4.0)
+    team.submit(visit("t"), deadline_in_s=60.0)
+    team.run(0.5)
+    report(robot, 20.0)
+    team.run(2.0)
+    assert not estimate(team, "t").is_late
+    inbox.drain()
+    report(robot, 58.5)
+    team.run(2.0)
+    assert estimate(team, "t").is_late
+    assert [one.is_late for one in inbox.drain()[-1].message.tasks] == [True]
+    assert team.states() == {"t": TaskState.RUNNING}
+
+
 def test_estimates_are_published_when_one_has_moved(team):
     inbox = Inbox(1000, every=True)
     team.endpoint().subscribe(inbox, TASK_ESTIMATES)
