@@ -24,7 +24,7 @@ from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
 from robrain.coordinator.planning.energy_budget import DETOUR
-from robrain.coordinator.planning.live_planner import LivePlanner, PlanRequest
+from robrain.coordinator.planning.live_planner import LivePlanner, PlanRequest, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -50,6 +50,7 @@ SIZES = ((5, 50, 10.0), (20, 200, 50.0), (100, 1000, 600.0))
 REPEATS = {50: 20, 200: 10, 1000: 3}
 LOOP_S = 12.0
 LOOK_S = 0.0005
+DRY_RUN_S = 0.5
 CHARGERS = 10
 J_PER_M, STANDING_W, TASK_J = 30.0, 8.0, 80.0
 HEAVY = "import numba, scipy.optimize, scipy.ndimage, pyvrp"
@@ -67,7 +68,7 @@ class Start(NamedTuple):
 def measure() -> list[Figure]:
     """All figures."""
     rehearse()
-    return [*_starts(), *(_first_plan(*size) for size in SIZES), _loop()]
+    return [*_starts(), *(_first_plan(*size) for size in SIZES), *_dry_runs(), _loop()]
 
 
 # -- start --------------------------------------------------------------------------------------------------
@@ -242,6 +243,57 @@ def _member(index: int, home: Point2D, chargers: tuple[Point2D, ...], share_j: f
     )
     pose = Pose2D(home.x_m, home.y_m, 0.0)
     return PlanningRobot(RobotState(robot=f"r{index}", pose=pose, battery=battery, energy=energy), None, chargers, home)
+
+
+# -- dry runs -----------------------------------------------------------------------------------------------
+
+
+def _dry_runs() -> list[Figure]:
+    """Answers to dry runs for 20 robots and 200 tasks, and what the loop feels of them."""
+    policy, planner = PlanningPolicy(), LivePlanner(lambda: None)
+    snapshot = team_situation(20, 200)
+    far = TaskRecord(task=Task(id="far", kind="visit", place=Point2D(5e4, 0.0)), state=TaskState.QUEUED)
+    hopeless = msgspec.structs.replace(snapshot, records=(*snapshot.records, far))
+    asked = 0
+
+    def answer_ms(situation: Snapshot, task: str) -> float:
+        nonlocal asked
+        asked += 1
+        began_s = time.perf_counter()
+        planner.suppose(Supposition(asked, situation, policy, task))
+        _wait(lambda: bool(planner.supposed()))
+        return 1e3 * (time.perf_counter() - began_s)
+
+    def ask_again() -> None:
+        nonlocal asked
+        asked += len(planner.supposed())
+        planner.suppose(Supposition(asked, snapshot, policy, "t0"))
+
+    try:
+        answer_ms(snapshot, "t0")
+        dry_ms = [answer_ms(snapshot, f"t{index}") for index in range(REPEATS[200])]
+        causes_ms = [answer_ms(hopeless, "far") for _ in range(3)]
+        alone = _gaps_ms(lambda: None)
+        last_s = 0.0
+
+        def follow() -> None:
+            nonlocal last_s
+            if time.monotonic() - last_s > DRY_RUN_S:
+                last_s = time.monotonic()
+                ask_again()
+
+        beside = _gaps_ms(follow)
+    finally:
+        planner.close()
+    what = "20 robots, 200 tasks"
+    return [
+        timing(f"{what}: answer to a dry run, longest", max(dry_ms), "ms", at_most(2000.0)),
+        timing(f"{what}: answer why no plan includes a task, longest", max(causes_ms), "ms", at_most(60_000.0)),
+        timing(
+            f"{what}: gaps between the loop's steps beside a dry run each {DRY_RUN_S:g} s, p99",
+            _p99(beside), "ms", at_most(2.0 * _p99(alone)), f"without {_p99(alone):.1f} ms"
+        ),
+    ]  # fmt: skip
 
 
 # -- the loop beside ----------------------------------------------------------------------------------------
