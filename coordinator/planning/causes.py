@@ -6,10 +6,13 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from scipy.ndimage import label
 
+from robrain.algorithms.navigation.clearance import mapped_clearance_m
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
 from robrain.algorithms.navigation.path_planning import plan_path
 from robrain.coordinator.planning.energy_budget import when_charged
+from robrain.coordinator.planning.path_lengths import SNAP_M
 from robrain.coordinator.planning.problem_builder import greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import AfterCharge, PlanningRobot, Snapshot, urgency
 from robrain.protocol.messages.tasks.task_messages import CauseKind, TaskCause
@@ -23,6 +26,8 @@ TASKS_MAX = 12
 BARRIER_COST = 100.0
 """Cost of a metre where no robot fits, in metres of floor: a path leads through as little of it as possible."""
 FULL_SOC = 0.95
+BLOCKING_S = 10.0
+"""A robot that stands for less blocks nothing (chosen: others wait as long for each other)."""
 
 
 class Change(NamedTuple):
@@ -57,6 +62,35 @@ def changes(snapshot: Snapshot, task: str, absent: Mapping[str, PlanningRobot]) 
     for other in others:
         records = tuple(one for one in snapshot.records if one is not other)
         yield Change(TaskCause(kind=CauseKind.TASK, name=other.task.id), _replaced(snapshot, records=records))
+
+
+def cut_off(snapshot: Snapshot, task: str) -> list[str]:
+    """What no robot gets to while one stands at a task's place: other tasks, robots and chargers.
+
+    Only for tasks of some seconds: a robot that passes through a door blocks nothing.
+    """
+    record = next(one for one in snapshot.records if one.task.id == task)
+    floor, radius_m = snapshot.floor, greatest_radius_m(snapshot)
+    if floor is None or record.task.service_s < BLOCKING_S:
+        return []
+    at = record.task.place
+    places = {one.task.id: one.task.place for one in snapshot.records if one is not record}
+    for name, member in snapshot.members.items():
+        pose = member.state.pose
+        places |= {} if pose is None else {name: Point2D(pose.x_m, pose.y_m)}
+        places |= {f"the charger at ({end.x_m:.1f}, {end.y_m:.1f})": end for end in member.chargers}
+    grid = NavigationGrid(floor.classes, floor.geometry, mapped_clearance_m(radius_m, floor.geometry.resolution_m), 1.0)
+    cells = {name: cell for name, place in places.items() if (cell := grid.snap(place, SNAP_M)) is not None}
+    before = label(grid.traversable, np.ones((3, 3)))[0]
+    after = label(grid.without([(at.x_m, at.y_m, 2.0 * radius_m)]), np.ones((3, 3)))[0]
+    groups: dict[tuple[int, int], list[str]] = {}
+    for name, cell in cells.items():
+        if after[cell]:
+            groups.setdefault((before[cell], after[cell]), []).append(name)
+    largest: dict[int, list[str]] = {}
+    for (region, _), names in groups.items():
+        largest[region] = max(largest.get(region, []), names, key=len)
+    return sorted(name for (region, _), names in groups.items() if names is not largest[region] for name in names)
 
 
 def _away_m(member: PlanningRobot, place: Point2D) -> float:

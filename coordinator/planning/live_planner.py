@@ -86,6 +86,8 @@ class Supposed(msgspec.Struct, frozen=True, tag=True):
     """None if there is none."""
     causes: list[TaskCause] = []
     """Changes with which a plan would include the task, if this one does not."""
+    blocks: list[str] = []
+    """What no robot gets to while one is at the task."""
 
 
 Reply = Ready | Made | PlanFailed | Done | Supposed

@@ -24,7 +24,7 @@ from robrain.algorithms.allocation.problem import Problem, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
-from robrain.coordinator.planning.causes import changes
+from robrain.coordinator.planning.causes import changes, cut_off
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
@@ -268,7 +268,7 @@ class PlanSearch:
         try:
             planned = self.draft(asked.snapshot, asked.policy).planned(only=asked.task)
             if any(step.task == asked.task for steps in planned.steps.values() for step in steps):
-                return Supposed(asked.number, planned)
+                return Supposed(asked.number, planned, blocks=cut_off(asked.snapshot, asked.task))
             causes = []
             for change in changes(asked.snapshot, asked.task, asked.absent):
                 search = PlanSearch() if change.cause.kind is CauseKind.WAY else self  # it keeps the paths of one floor

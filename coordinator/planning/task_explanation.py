@@ -173,6 +173,7 @@ class TaskExplainer:
                 estimate=None if times is None else forecast.estimate(task.id, times, now_ns),
                 delays=list(self._delays(before, after)) if plan is not None else [],
                 causes=supposed.causes,
+                blocks=[cut(name) for name in supposed.blocks],
             )
             answer(result)
 

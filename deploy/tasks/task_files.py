@@ -123,6 +123,8 @@ def dry_run_lines(found: TaskDryRun) -> list[str]:
         lines.append(estimate_text(found.estimate))
     lines += map(verdict_line, found.robots)
     lines += [cause_text(cause) for cause in found.causes[:CAUSES]]
+    if found.blocks:
+        lines.append(f"while a robot is at it, no other gets to {', '.join(found.blocks)}")
     for delay in found.delays:
         later = "not be done" if delay.later_s is None else f"end {delay.later_s:.0f} s later"
         lines.append(f"{delay.task} would {later}{', after its deadline' if delay.misses_deadline else ''}")

@@ -313,6 +313,8 @@ class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     """Other open tasks that would end later, or not be done."""
     causes: Causes = []
     """As in `TaskExplanation`."""
+    blocks: Annotated[list[Text], Meta(max_length=100_000)] = []
+    """Tasks, robots and chargers that no other robot gets to while one is at the task."""
 
 
 def _flat(value: object, name: str = "") -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import OCCUPIED
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TASK_DRY_RUN, TaskDryRun, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
@@ -99,3 +100,22 @@ def test_a_dry_run_of_a_task_that_nobody_can_do_says_why(team):
     team.closed_room()
     found = dry_run(team, visit(x_m=40.0, y_m=40.0, deadline_ns=10**9))
     assert found.refused or found.estimate is None
+
+
+@pytest.mark.parametrize(("x_m", "service_s", "blocked"), [(6.05, 60.0, True), (6.05, 2.0, False), (5.0, 60.0, False)])
+def test_a_dry_run_names_what_a_robot_in_a_door_cuts_off(team, x_m, service_s, blocked):
+    team.robot("r1", 4.0)
+    team.robot("r2", 8.0, 3.0)
+    team.closed_room()
+    team.draw(6.0, 2.0, 6.1, 3.7, OCCUPIED)
+    team.draw(6.0, 4.3, 6.1, 6.0, OCCUPIED)
+    team.run(1.0)
+    team.submit(visit("long", x_m=7.5, y_m=5.5, service_s=100.0))
+    team.submit(visit("later", x_m=8.0), earliest_in_s=300.0)
+    for number in range(3):
+        team.submit(visit(f"here{number}", x_m=4.0 + 0.3 * number, y_m=3.0), earliest_in_s=300.0)
+    team.run(1.0)
+    found = dry_run(team, visit("door", x_m=x_m, service_s=service_s))
+    assert found.estimate is not None
+    assert ("later" in found.blocks) == blocked
+    assert not {"here0", "here1", "here2"} & set(found.blocks)
