@@ -17,7 +17,7 @@ SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
 LINES_MAX = 60
 SAYS = {
     "01_explore": [r"9\d% explored in \d+ s", "digest [0-9a-f]{16}"],  # and the README word for word
-    "02_submit_tasks": [r"door +done by r\d", r"picture +done", r"corner: done by r\d", r"queued"],
+    "02_submit_tasks": [r"door +done by r\d", r"picture +done", r"corner: Done by r\d", r"queued"],
     "03_your_own_plugin": [r"loaded trip, a unit: distance_m", r"r1 has come \d\.\d+ m since"],
     "04_energy": [
         r"from visit to recharge, \d+%, \d+ J left",

@@ -21,7 +21,7 @@ from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.messages.tasks.task_messages import TaskCause
+from robrain.protocol.messages.tasks.task_messages import Remedy
 from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
 
 MODULE = "robrain.coordinator.planning.worker_main"
@@ -84,10 +84,10 @@ class Supposed(msgspec.Struct, frozen=True, tag=True):
     number: int
     planned: PlanInForce | None
     """None if there is none."""
-    causes: list[TaskCause] = []
+    remedies: list[Remedy] = []
     """Changes with which a plan would include the task, if this one does not."""
     blocks: list[str] = []
-    """What no robot gets to while one is at the task."""
+    """Places that cannot be reached while a robot is at the task."""
 
 
 Reply = Ready | Made | PlanFailed | Done | Supposed
@@ -338,7 +338,7 @@ class LivePlanner:
         self._suppositions.clear()
         while self._pending:
             self._supposed.append(Supposed(self._pending.pop(), None))
-        self._on_made()
+            self._on_made()
         request = self._latest
         if request is None or request.number <= self._answered:
             return

@@ -24,17 +24,17 @@ from robrain.algorithms.allocation.problem import Problem, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
-from robrain.coordinator.planning.causes import changes, cut_off
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
 from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, PlanDraft, PlanFailure, refined
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, build_problem, greatest_radius_m, needed_m
+from robrain.coordinator.planning.remedies import cut_off, variants
 from robrain.coordinator.planning.snapshot import Floor, PlanningRobot, Snapshot
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
-from robrain.protocol.messages.tasks.task_messages import CauseKind, TaskRecord
+from robrain.protocol.messages.tasks.task_messages import RemedyKind, TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.ranges import cut
@@ -269,14 +269,16 @@ class PlanSearch:
             planned = self.draft(asked.snapshot, asked.policy).planned(only=asked.task)
             if any(step.task == asked.task for steps in planned.steps.values() for step in steps):
                 return Supposed(asked.number, planned, blocks=cut_off(asked.snapshot, asked.task))
-            causes = []
-            for change in changes(asked.snapshot, asked.task, asked.absent):
-                search = PlanSearch() if change.cause.kind is CauseKind.WAY else self  # it keeps the paths of one floor
-                plan = search.draft(change.snapshot, asked.policy).solver.plan
+            remedies = []
+            for variant in variants(asked.snapshot, asked.task, asked.absent):
+                search = (
+                    PlanSearch() if variant.remedy.kind is RemedyKind.PATH else self
+                )  # it keeps the paths of one floor
+                plan = search.draft(variant.snapshot, asked.policy).solver.plan
                 ends_s = [stop.end_s for route in plan.routes for stop in route.stops if stop.job == asked.task]
                 if ends_s:
-                    causes.append(msgspec.structs.replace(change.cause, ends_in_s=round(max(ends_s), 1)))
-            return Supposed(asked.number, planned, sorted(causes, key=lambda one: one.ends_in_s or 0.0))
+                    remedies.append(msgspec.structs.replace(variant.remedy, ends_in_s=round(max(ends_s), 1)))
+            return Supposed(asked.number, planned, sorted(remedies, key=lambda one: one.ends_in_s or 0.0))
         except Exception:  # as for a plan
             logger.exception("no plan can be made for the supposed task %s", asked.task)
             return Supposed(asked.number, None)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S, PLENTY_J, capacity_j, profile_of
+from robrain.coordinator.planning.energy_budget import PLENTY_J, capacity_j, own_decision, profile_of
 from robrain.coordinator.planning.forecast import Forecast
 from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
@@ -42,13 +42,12 @@ from robrain.protocol.messages.tasks.plan_messages import (
     TaskDecision,
     TaskEstimates,
 )
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.model.energy_model import Work, estimate
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE, Recharge
-from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain, sentence_of
+from robrain.protocol.model.tasks.stock_kinds import EXPLORE
+from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
 if TYPE_CHECKING:
@@ -578,38 +577,6 @@ class Planning:
             if left:
                 orders[robot] = left
         return orders
-
-
-def own_decision(
-    task: Task, state: RobotState, path_length_m: float, plan: int, policy: PlanningPolicy
-) -> TaskDecision | None:
-    """Predicted cost of a task of the coordinator's own, to explore or to charge, as the decision to offer it.
-
-    Args:
-        task: the task that is about to be offered.
-        state: of its robot.
-        path_length_m: nan if unknown.
-        plan: number of the last plan.
-        policy: parameters of path costs.
-
-    Returns:
-        None if the robot reports too little. The charge itself is not included.
-
-    """
-    if state.pose is None or state.energy is None:
-        return None
-    if not math.isfinite(path_length_m):
-        path_length_m = DETOUR * state.pose.distance_m(task.place)
-    found = estimate(state.energy, Work(path_m=path_length_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
-    time_s = policy.time_margin * found.duration_s
-    bid = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), arrives_in_s=round(time_s, 3))
-    if task.kind == RECHARGE:
-        to_soc = parameters_of(task, Recharge).until_soc
-        reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)
-    else:
-        reason = plain("nothing_else", "it has nothing else to do")
-    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=sentence_of(reason),
-                        reason=reason, bids=(bid,))  # fmt: skip
 
 
 def _availability(state: RobotState) -> tuple[bool, bool, bool, bool]:

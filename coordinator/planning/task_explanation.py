@@ -92,13 +92,13 @@ class TaskExplainer:
             changes=self._book.journal.history(record.task.id),
         )
 
-    def find_causes(
+    def find_remedies(
         self, found: TaskExplanation, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
     ) -> None:
         """Answer an explanation with the changes that would let a plan include the task."""
         try:
             self._planning.suppose(
-                found.record, now_ns, lambda one: answer(msgspec.structs.replace(found, causes=one.causes))
+                found.record, now_ns, lambda one: answer(msgspec.structs.replace(found, remedies=one.remedies))
             )
         except CallError as error:
             answer(error)
@@ -172,7 +172,7 @@ class TaskExplainer:
                 ahead=sum(one.task.priority >= task.priority for one in waiting),
                 estimate=None if times is None else forecast.estimate(task.id, times, now_ns),
                 delays=list(self._delays(before, after)) if plan is not None else [],
-                causes=supposed.causes,
+                remedies=supposed.remedies,
                 blocks=[cut(name) for name in supposed.blocks],
             )
             answer(result)

@@ -239,7 +239,7 @@ class TaskRequests:
         explained = msgspec.structs.replace(explained, trace=self._traces.of(request.asked.id))
         if not self._explanation.is_left_out(record):
             return explained
-        return Deferred(partial(self._explanation.find_causes, explained, now_ns))
+        return Deferred(partial(self._explanation.find_remedies, explained, now_ns))
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)

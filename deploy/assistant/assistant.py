@@ -40,7 +40,7 @@ from robrain.deploy.assistant.policy import (
     order_refusal,
     tool_refusal,
 )
-from robrain.deploy.assistant.team_reader import OPEN, TeamReader, task_line
+from robrain.deploy.assistant.team_reader import OPEN, TeamReader, foreseen, task_line
 from robrain.deploy.tasks.task_files import dry_run_lines
 from robrain.protocol.access.member import Member
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
@@ -91,9 +91,7 @@ class Ordering:
                 CallVerdict.DONE, [f"submitted {task_line(record)}"], {"task": task_id, "state": record.state}
             )
 
-        return Rehearsal(
-            [f"task {task_id}", *dry_run_lines(found)], {"task": task_id, "robots": found.robots}, carry_out
-        )
+        return Rehearsal([f"task {task_id}", *dry_run_lines(found)], {"task": task_id, **foreseen(found)}, carry_out)
 
     def cancel_task(self, asked: CancelTask) -> Rehearsal:
         """Cancel a task that this assistant has submitted; its robot stops it."""
@@ -111,7 +109,10 @@ class Ordering:
             )
 
         words = [f"{asked.task} would end unfinished: {explained.now}", stops]
-        return Rehearsal(words, {"task": asked.task, "state": record.state, "robot": record.robot}, carry_out)
+        waiting = [one.task.id for one in self._team.list(TaskFilter(states=OPEN)) if asked.task in one.task.after]
+        words += [f"{name} waits for it, and would never be done" for name in waiting]
+        values: dict[str, object] = {"task": asked.task, "state": record.state, "robot": record.robot}
+        return Rehearsal(words, {**values, "waiting": waiting}, carry_out)
 
     def _check_open_tasks(self) -> None:
         if len(self._team.list(TaskFilter(states=OPEN, by=self._team.by))) >= OPEN_TASKS_MAX:

@@ -163,6 +163,11 @@ OLD_S = 2.0
 """A state that is older than this is shown with its age; robots publish ten a second, coordinators two."""
 
 
+def foreseen(found: TaskDryRun) -> dict[str, object]:
+    """The consequences of a task as values."""
+    return {name: getattr(found, name) for name in ("robots", "estimate", "delays", "remedies", "blocks")}
+
+
 class TeamReader:
     """Tools that read a team's state.
 
@@ -262,7 +267,7 @@ class TeamReader:
     def dry_run(self, asked: NewTask) -> ToolAnswer:
         """Report the expected effects of a task, without submitting it."""
         found = self.foresee(asked)
-        values = {"refused": found.refused, "waits": found.waits, "robots": found.robots}
+        values = {"refused": found.refused, "waits": found.waits, **foreseen(found)}
         if found.refused:
             return answer(CallVerdict.REFUSED, dry_run_lines(found), values, code=Ban.TEAM)
         return answer(CallVerdict.READ, dry_run_lines(found), values)

@@ -13,7 +13,7 @@ from robrain.client.submission import AS_SENT, TaskFields
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
 from robrain.deploy.command_line.output import print_either, print_json
-from robrain.deploy.tasks.task_files import CAUSES, cause_text, estimate_text, verdict_line
+from robrain.deploy.tasks.task_files import REMEDIES, estimate_text, remedy_text, verdict_line
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
@@ -348,7 +348,7 @@ def explain(
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     lines = [f"{task_id}: {found.now}"]
     lines += [] if found.record.estimate is None else [f"  {estimate_text(found.record.estimate)}"]
-    lines += map(cause_text, found.causes[:CAUSES])
+    lines += map(remedy_text, found.remedies[:REMEDIES])
     lines += map(verdict_line, found.robots)
     lines += [f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}" for change in found.changes]
     print_either(found, lines, as_json=as_json)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from robrain.client.submission import COMMON, RELATIVE, submission_of
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskCause, TaskDryRun, TaskEstimate
+from robrain.protocol.messages.tasks.task_messages import Remedy, RobotVerdict, TaskDryRun, TaskEstimate
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 
@@ -89,7 +89,7 @@ def point(option: str, text: str) -> list[float]:
     return [x_m, y_m]
 
 
-CAUSES = 3
+REMEDIES = 3
 """Changes that are shown."""
 
 
@@ -122,7 +122,7 @@ def dry_run_lines(found: TaskDryRun) -> list[str]:
     if found.estimate is not None:
         lines.append(estimate_text(found.estimate))
     lines += map(verdict_line, found.robots)
-    lines += [cause_text(cause) for cause in found.causes[:CAUSES]]
+    lines += [remedy_text(remedy) for remedy in found.remedies[:REMEDIES]]
     if found.blocks:
         lines.append(f"while a robot is at it, no other gets to {', '.join(found.blocks)}")
     for delay in found.delays:
@@ -131,10 +131,10 @@ def dry_run_lines(found: TaskDryRun) -> list[str]:
     return lines
 
 
-def cause_text(cause: TaskCause) -> str:
+def remedy_text(remedy: Remedy) -> str:
     """A change with which a task could be done."""
-    ends = "" if cause.ends_in_s is None else f", in {cause.ends_in_s:.0f} s"
-    return f"  it could be done {cause.words}{ends}"
+    ends = "" if remedy.ends_in_s is None else f", in {remedy.ends_in_s:.0f} s"
+    return f"  it could be done {remedy.words}{ends}"
 
 
 def estimate_text(estimate: TaskEstimate) -> str:

@@ -20,6 +20,7 @@ from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import MAX_ROBOTS, MAX_SEED
+from robrain.sim.world.robot_specs import RobotSpec
 
 EXPLORED_S = {"depot": 110.0, "office": 140.0, "hospital": 200.0}
 """Time for exploration before the tasks."""
@@ -32,7 +33,8 @@ CLEARANCE_M = 0.6
 SERVICES_S = (0.0, 5.0, 20.0)
 BLOCKED_SHARE = 0.1
 BLOCKED_S = 30.0
-DRAINED_SOC = 0.3
+LOW_SHARE, LOW_SOC = 0.25, 0.4
+"""Share of the robots that begin with little charge, and have to charge soon."""
 CHECK_S = 0.5
 QUEUED_PERCENT, BEGUN_PERCENT, ENERGY_PERCENT = at_most(15.0), at_most(10.0), at_most(7.0)
 IN_INTERVAL_PERCENT = Bound(at_least=85.0, at_most=95.0)
@@ -79,7 +81,9 @@ class EstimatesRun(msgspec.Struct, frozen=True, kw_only=True):
 def run_case(case: EstimatesCase) -> EstimatesRun:
     """Let a team explore, submit tasks at random times, and compare each estimate with the end."""
     rng = np.random.default_rng([case.seed, case.robots])
-    scenario = Scenario.builtin(case.scenario).replace(robots=case.robots, seed=case.seed)
+    low = RobotSpec(hardware={"battery": {"soc_at_start": LOW_SOC}})
+    roster = (low,) * max(1, round(LOW_SHARE * case.robots))
+    scenario = Scenario.builtin(case.scenario).replace(robots=case.robots, seed=case.seed, roster=roster)
     length_s = case.tasks * TASK_S / case.robots
     world, begin_s = scenario.world(), EXPLORED_S[case.scenario]
     starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
@@ -91,13 +95,10 @@ def run_case(case: EstimatesCase) -> EstimatesRun:
 
 
 def _faults(robots: int, begin_s: float, length_s: float, rng: np.random.Generator) -> Iterator[FaultSpec]:
-    """Some robots are blocked for a while; a quarter of them has to charge."""
+    """Some robots are blocked for a while."""
     for name in rng.permutation(robots)[: max(1, round(BLOCKED_SHARE * robots))].tolist():
         at_s = begin_s + float(rng.uniform(0.0, length_s))
         yield FaultSpec(robot=f"r{name + 1}", kind=FaultKind.HANG, at_s=at_s, until_s=at_s + BLOCKED_S)
-    for name in rng.permutation(robots)[: max(1, robots // 4)].tolist():
-        at_s = begin_s + float(rng.uniform(0.0, 0.5 * length_s))
-        yield FaultSpec(robot=f"r{name + 1}", kind=FaultKind.DRAIN, at_s=at_s, soc=DRAINED_SOC)
 
 
 def _measured(

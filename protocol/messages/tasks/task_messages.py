@@ -3,7 +3,6 @@
 As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps are those of the run's clock.
 """
 
-import math
 from enum import StrEnum
 from types import NoneType
 from typing import Annotated
@@ -68,6 +67,7 @@ class TaskEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """When a task is expected to begin and end, in seconds from now, and at what cost."""
 
     task: Name
+    """Its id."""
     robot: Name
     """The robot that does it, or is to do it."""
     starts_in_s: Quantity
@@ -75,6 +75,7 @@ class TaskEstimate(msgspec.Struct, frozen=True, kw_only=True):
     arrives_in_s: Quantity
     """Until its robot is at the place; 0 once it is."""
     ends_in_s: Quantity
+    """Until it ends."""
     ends_low_s: Quantity
     """Lower end of the 90 % interval of `ends_in_s`."""
     ends_high_s: Quantity
@@ -217,7 +218,7 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
                    energy_j=energy_j)  # fmt: skip
 
 
-class CauseKind(StrEnum):
+class RemedyKind(StrEnum):
     """Kind of a change with which a task could be done."""
 
     BATTERY = "battery"
@@ -226,14 +227,14 @@ class CauseKind(StrEnum):
     """A robot that plans exclude now could be used."""
     TASK = "task"
     """Another task was not there."""
-    WAY = "way"
+    PATH = "path"
     """An obstacle was not there, such as a closed door."""
 
 
-class TaskCause(msgspec.Struct, frozen=True, kw_only=True):
+class Remedy(msgspec.Struct, frozen=True, kw_only=True):
     """A change of the present with which a plan would include a task that it leaves out."""
 
-    kind: CauseKind
+    kind: RemedyKind
     name: Name = ""
     """Of the robot or the task."""
     place: Point2D | None = None
@@ -245,18 +246,18 @@ class TaskCause(msgspec.Struct, frozen=True, kw_only=True):
     def words(self) -> str:
         """The change as a condition: `if r2 had a full battery`."""
         match self.kind:
-            case CauseKind.BATTERY:
+            case RemedyKind.BATTERY:
                 return f"if {self.name} had a full battery"
-            case CauseKind.ROBOT:
+            case RemedyKind.ROBOT:
                 return f"if {self.name} could be used"
-            case CauseKind.TASK:
+            case RemedyKind.TASK:
                 return f"without {self.name}"
-            case CauseKind.WAY:
-                x_m, y_m = (self.place.x_m, self.place.y_m) if self.place is not None else (math.nan, math.nan)
-                return f"if the way at ({x_m:g}, {y_m:g}) were open"
+            case RemedyKind.PATH:
+                place = "" if self.place is None else f" at ({self.place.x_m:g}, {self.place.y_m:g})"
+                return f"if the path{place} were open"
 
 
-Causes = Annotated[list[TaskCause], Meta(max_length=1000)]
+Remedies = Annotated[list[Remedy], Meta(max_length=1000)]
 
 
 class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
@@ -274,7 +275,7 @@ class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """When they were judged; 0 if never."""
     changes: Annotated[list[TaskChange], Meta(max_length=100_000)] = []
     """The last ones, oldest first."""
-    causes: Causes = []
+    remedies: Remedies = []
     """Of a task that the plan leaves out: single changes with which it could be done, the soonest end first."""
     trace: Name = ""
     """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
@@ -311,7 +312,7 @@ class TaskDryRun(msgspec.Struct, frozen=True, kw_only=True):
     """By a plan with the task; None if no robot would do it."""
     delays: Annotated[list[TaskDelay], Meta(max_length=100_000)] = []
     """Other open tasks that would end later, or not be done."""
-    causes: Causes = []
+    remedies: Remedies = []
     """As in `TaskExplanation`."""
     blocks: Annotated[list[Text], Meta(max_length=100_000)] = []
     """Tasks, robots and chargers that no other robot gets to while one is at the task."""

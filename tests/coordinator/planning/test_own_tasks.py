@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S
-from robrain.coordinator.planning.planning import own_decision
+from robrain.coordinator.planning.energy_budget import DETOUR, DOCK_S, own_decision
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D

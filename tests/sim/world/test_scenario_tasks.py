@@ -78,7 +78,7 @@ def test_what_becomes_of_a_task_is_told_in_words():
     beyond, not_yet, unknown = result.tasks
     assert result.ended == "time_limit"  # one task was still to come
     assert (beyond.state, not_yet.state, unknown.state) == (TaskState.QUEUED, None, None)
-    assert beyond.words.startswith("task visit-1: queued: ")
+    assert beyond.words.startswith("task visit-1: Queued. ")
     assert not_yet.words == "task visit-2: not submitted before the end"
     assert unknown.words.startswith("task wash-1: task wash-1 is refused: ")
 

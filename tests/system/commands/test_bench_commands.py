@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
     done = commands.run_here("bench", "--list")
     assert done.returncode == 0, done.stderr
-    names = "allocation exploration motes mapping log"
+    names = "allocation exploration motes mapping estimates log"
     assert " ".join(line.split()[0] for line in done.stdout.splitlines()) == names
 
 

@@ -72,6 +72,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "sim,team"),
     ("bench exploration", [], "sim,team"),
+    ("bench estimates", [], "sim,team"),
     ("bench motes", [], "sim,team"),
     ("bench mapping", [], "sim,team"),
     ("lead", [], WORKS),

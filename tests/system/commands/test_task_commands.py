@@ -94,7 +94,7 @@ def test_a_task_goes_from_the_command_line_to_the_robot_and_is_done(team: LiveTe
     assert {record["state"] for record in done} == {"done"}
     assert "my-1" not in [record["task"]["id"] for record in still_open]
     reasons = team.task("why", "my-1").stdout
-    assert reasons.startswith("my-1: done by r1")
+    assert reasons.startswith("my-1: Done by r1.")
     assert (team.commands.folder / "default.journal").is_file()
 
 

@@ -6,7 +6,7 @@ from robrain.algorithms.mapping.occupancy_grid import OCCUPIED
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_DRY_RUN,
     TASK_EXPLAIN,
-    CauseKind,
+    RemedyKind,
     TaskDryRun,
     TaskExplanation,
     TaskRequest,
@@ -27,8 +27,8 @@ def worker(team, name="r1", x_m=4.0, y_m=4.0, remaining_j=CAPACITY_J):
     return Worker(robot, remaining_j=remaining_j)
 
 
-def causes(team, name):
-    return team.ask(TASK_EXPLAIN, TaskRequest(id=name), TaskExplanation).causes
+def remedies(team, name):
+    return team.ask(TASK_EXPLAIN, TaskRequest(id=name), TaskExplanation).remedies
 
 
 def dry_run(team, task, **times):
@@ -43,8 +43,8 @@ def test_low_battery_is_named(team, x_m):
     team.submit(visit("t", x_m))
     team.submit(visit("other", 4.2))
     run(team, workers, 1.0)
-    first = causes(team, "t")[0]
-    assert (first.kind, first.name) == (CauseKind.BATTERY, "r1")
+    first = remedies(team, "t")[0]
+    assert (first.kind, first.name) == (RemedyKind.BATTERY, "r1")
     assert first.ends_in_s > (x_m - 4.0) / 0.5
 
 
@@ -58,7 +58,7 @@ def test_robot_that_is_not_there_is_named(team, x_m):
     team.submit(visit("other", 3.5, service_s=2.0))
     found = dry_run(team, visit("t", x_m), deadline_in_s=4.0)
     assert found.estimate is None
-    assert (found.causes[0].kind, found.causes[0].name) == (CauseKind.ROBOT, "r2")
+    assert (found.remedies[0].kind, found.remedies[0].name) == (RemedyKind.ROBOT, "r2")
 
 
 @pytest.mark.parametrize("service_s", [40.0, 60.0, 90.0])
@@ -71,8 +71,8 @@ def test_task_that_takes_long_is_named(team, service_s):
     team.submit(visit("short", 5.5, service_s=1.0))
     found = dry_run(team, visit("t", 6.0), deadline_in_s=20.0)
     assert found.estimate is None
-    assert (found.causes[0].kind, found.causes[0].name) == (CauseKind.TASK, "long")
-    assert found.causes[0].ends_in_s < 20.0
+    assert (found.remedies[0].kind, found.remedies[0].name) == (RemedyKind.TASK, "long")
+    assert found.remedies[0].ends_in_s < 20.0
 
 
 @pytest.mark.parametrize("x_m", [7.0, 7.6, 8.2])
@@ -84,11 +84,11 @@ def test_closed_way_is_named(team, x_m):
     team.submit(visit("t", x_m))
     team.submit(visit("here", 4.5))
     run(team, workers, 1.0)
-    found = causes(team, "t")
-    assert [one.kind for one in found] == [CauseKind.WAY]
+    found = remedies(team, "t")
+    assert [one.kind for one in found] == [RemedyKind.PATH]
     assert found[0].place.x_m == pytest.approx(6.1, abs=0.3)
     run(team, workers, 6.0)
-    assert causes(team, "t"), "the barrier is removed in thought alone"
+    assert remedies(team, "t"), "the barrier is removed in thought alone"
 
 
 def test_task_that_a_plan_includes_has_no_cause(team):
@@ -98,5 +98,5 @@ def test_task_that_a_plan_includes_has_no_cause(team):
     team.submit(visit("now", 4.5, service_s=30.0))
     team.submit(visit("t"))
     run(team, workers, 1.0)
-    assert causes(team, "t") == []
-    assert dry_run(team, visit("u", 6.0)).causes == []
+    assert remedies(team, "t") == []
+    assert dry_run(team, visit("u", 6.0)).remedies == []

@@ -1,4 +1,4 @@
-"""Why no plan includes a task: changes of the team's present, one at a time, with which a plan would include it."""
+"""Remedies for a task that a plan leaves out: single changes with which a plan includes it. And what a task blocks."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from robrain.coordinator.planning.energy_budget import when_charged
 from robrain.coordinator.planning.path_lengths import SNAP_M
 from robrain.coordinator.planning.problem_builder import greatest_radius_m, needed_m
 from robrain.coordinator.planning.snapshot import AfterCharge, PlanningRobot, Snapshot, urgency
-from robrain.protocol.messages.tasks.task_messages import CauseKind, TaskCause
+from robrain.protocol.messages.tasks.task_messages import Remedy, RemedyKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE
 
@@ -30,14 +30,14 @@ BLOCKING_S = 10.0
 """A robot that stands for less blocks nothing (chosen: others wait as long for each other)."""
 
 
-class Change(NamedTuple):
-    """A change of the present, and the snapshot with it."""
+class Variant(NamedTuple):
+    """A possible remedy, and the snapshot with it."""
 
-    cause: TaskCause
+    remedy: Remedy
     snapshot: Snapshot
 
 
-def changes(snapshot: Snapshot, task: str, absent: Mapping[str, PlanningRobot]) -> Iterator[Change]:
+def variants(snapshot: Snapshot, task: str, absent: Mapping[str, PlanningRobot]) -> Iterator[Variant]:
     """Each change that may let a plan include a task.
 
     Args:
@@ -47,25 +47,25 @@ def changes(snapshot: Snapshot, task: str, absent: Mapping[str, PlanningRobot]) 
 
     """
     place = next(record.task.place for record in snapshot.records if record.task.id == task)
-    if (opened := _with_open_way(snapshot, place)) is not None:
+    if (opened := _with_open_path(snapshot, place)) is not None:
         yield opened
     for name, member in sorted(snapshot.members.items(), key=lambda one: _away_m(one[1], place))[:ROBOTS_MAX]:
         battery, pose = member.state.battery, member.state.pose
         if battery is not None and pose is not None and battery.soc < FULL_SOC:
             full = when_charged(member.state, AfterCharge(0, Point2D(pose.x_m, pose.y_m), 1.0))
             members = snapshot.members | {name: member._replace(state=full)}
-            yield Change(TaskCause(kind=CauseKind.BATTERY, name=name), _replaced(snapshot, members=members))
+            yield Variant(Remedy(kind=RemedyKind.BATTERY, name=name), _replaced(snapshot, members=members))
     for name, member in sorted(absent.items(), key=lambda one: _away_m(one[1], place))[:ROBOTS_MAX]:
         members = snapshot.members | {name: member}
-        yield Change(TaskCause(kind=CauseKind.ROBOT, name=name), _replaced(snapshot, members=members))
+        yield Variant(Remedy(kind=RemedyKind.ROBOT, name=name), _replaced(snapshot, members=members))
     others = sorted((one for one in snapshot.records if one.task.id != task), key=urgency)[:TASKS_MAX]
     for other in others:
         records = tuple(one for one in snapshot.records if one is not other)
-        yield Change(TaskCause(kind=CauseKind.TASK, name=other.task.id), _replaced(snapshot, records=records))
+        yield Variant(Remedy(kind=RemedyKind.TASK, name=other.task.id), _replaced(snapshot, records=records))
 
 
 def cut_off(snapshot: Snapshot, task: str) -> list[str]:
-    """What no robot gets to while one stands at a task's place: other tasks, robots and chargers.
+    """Other tasks, robots and chargers that cannot be reached while a robot stands at a task's place.
 
     Only for tasks of some seconds: a robot that passes through a door blocks nothing.
     """
@@ -102,7 +102,7 @@ def _replaced(snapshot: Snapshot, **fields: object) -> Snapshot:
     return msgspec.structs.replace(snapshot, **fields)
 
 
-def _with_open_way(snapshot: Snapshot, place: Point2D) -> Change | None:
+def _with_open_path(snapshot: Snapshot, place: Point2D) -> Variant | None:
     """The floor with the barrier removed that separates a place from the nearest robot; None without a barrier."""
     floor, poses = snapshot.floor, [member.state.pose for member in snapshot.members.values()]
     here = min((pose for pose in poses if pose is not None), key=lambda pose: pose.distance_m(place), default=None)
@@ -125,5 +125,5 @@ def _with_open_way(snapshot: Snapshot, place: Point2D) -> Change | None:
     for row, column in barrier:
         classes[(rows - row) ** 2 + (columns - column) ** 2 <= reach**2] = FREE
     middle = geometry.center_of(*(int(part) for part in barrier[len(barrier) // 2]))
-    cause = TaskCause(kind=CauseKind.WAY, place=Point2D(round(middle.x_m, 1), round(middle.y_m, 1)))
-    return Change(cause, _replaced(snapshot, floor=floor._replace(classes=classes, version=-1)))
+    remedy = Remedy(kind=RemedyKind.PATH, place=Point2D(round(middle.x_m, 1), round(middle.y_m, 1)))
+    return Variant(remedy, _replaced(snapshot, floor=floor._replace(classes=classes, version=-1)))
