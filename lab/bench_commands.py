@@ -166,13 +166,14 @@ def estimates(
     robots: RobotsOption = "4,8",
     seeds: SeedsOption = "101-102",
     tasks: Annotated[int, typer.Option(help="Number of tasks in each run.", min=1)] = 42,
+    connect: Annotated[str | None, typer.Option(help="Endpoint of a live team on this floor, tcp/HOST:PORT.")] = None,
     jobs: JobsOption = 1,
     json_file: JsonFileOption = None,
 ) -> None:
     """Measure how well ends and energies of tasks are predicted."""
     from robrain.lab.bench.estimates import choose, run_bench
 
-    run_bench(choose(scenarios, robots, seeds, tasks, jobs), jobs, json_file)
+    run_bench(choose(scenarios, robots, seeds, tasks, jobs, connect), jobs, json_file)
 
 
 @bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")

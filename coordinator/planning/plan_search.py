@@ -271,9 +271,8 @@ class PlanSearch:
                 return Supposed(asked.number, planned, blocks=cut_off(asked.snapshot, asked.task))
             remedies = []
             for variant in variants(asked.snapshot, asked.task, asked.absent):
-                search = (
-                    PlanSearch() if variant.remedy.kind is RemedyKind.PATH else self
-                )  # it keeps the paths of one floor
+                # Another floor has other paths, and a search keeps those of one floor.
+                search = PlanSearch() if variant.remedy.kind is RemedyKind.PATH else self
                 plan = search.draft(variant.snapshot, asked.policy).solver.plan
                 ends_s = [stop.end_s for route in plan.routes for stop in route.stops if stop.job == asked.task]
                 if ends_s:

@@ -48,6 +48,8 @@ class EstimatesCase(msgspec.Struct, frozen=True, kw_only=True):
     robots: int
     seed: int
     tasks: int
+    connect: str = ""
+    """Endpoint of a live team that knows the floor; empty for a run in lockstep."""
 
 
 class EstimatedTask(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,7 +81,10 @@ class EstimatesRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_case(case: EstimatesCase) -> EstimatesRun:
-    """Let a team explore, submit tasks at random times, and compare each estimate with the end."""
+    """Let a team explore, submit tasks at random times, and compare each estimate with the end.
+
+    A live team is used as it is: it has explored, and nobody blocks its robots.
+    """
     rng = np.random.default_rng([case.seed, case.robots])
     low = RobotSpec(hardware={"battery": {"soc_at_start": LOW_SOC}})
     roster = (low,) * max(1, round(LOW_SHARE * case.robots))
@@ -89,6 +94,9 @@ def run_case(case: EstimatesCase) -> EstimatesRun:
     starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
     cells = np.argwhere(world.plan.reachable(starts, CLEARANCE_M))
     faults = tuple(_faults(case.robots, begin_s, length_s, rng))
+    if case.connect:
+        with Team.connect(case.connect) as team:
+            return _measured(case, team, world.plan, cells, length_s, rng)
     with errors_alone(), scenario.replace(faults=faults).team() as team:
         team.run_for(begin_s)
         return _measured(case, team, world.plan, cells, length_s, rng)
@@ -171,11 +179,13 @@ def _compared(
     )
 
 
-def choose(scenarios: str, robots: str, seeds: str, tasks: int, jobs: int) -> list[EstimatesCase]:
+def choose(
+    scenarios: str, robots: str, seeds: str, tasks: int, jobs: int, connect: str | None = None
+) -> list[EstimatesCase]:
     """Make the runs from the options (UsageError if one is wrong)."""
     check_limits(jobs, 1.0)
     return [
-        EstimatesCase(scenario=name, robots=count, seed=seed, tasks=tasks)
+        EstimatesCase(scenario=name, robots=count, seed=seed, tasks=tasks, connect=connect or "")
         for name in names_of("--scenarios", scenarios, EXPLORED_S)
         for count in numbers_of("--robots", robots, 1, MAX_ROBOTS)
         for seed in numbers_of("--seeds", seeds, 0, MAX_SEED)
