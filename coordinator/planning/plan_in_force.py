@@ -1,6 +1,6 @@
 """A plan as the coordinator follows it: assignments with order and times, and the decisions behind them."""
 
-import math
+import itertools
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -15,9 +15,12 @@ from robrain.protocol.reasons import PlanReason, TaskReason
 if TYPE_CHECKING:
     from robrain.coordinator.planning.problem_builder import BuiltProblem
 
+EXPLAINED = 2
+"""Next tasks of each route whose decisions are explained and published (chosen: a robot is offered one task ahead). The
+others follow when they come next; a query is answered by a plan of its own."""
 BIDS_MAX = 4000
-"""Limit for the bids in the published decisions of one plan, earliest tasks first. The rest follow with the next plans
-(chosen: a bid takes some microseconds)."""
+"""Limit for the bids in the published decisions of one plan. The rest follow with the next plans (chosen: a bid takes
+some microseconds)."""
 
 
 class PlannedStep(msgspec.Struct, frozen=True):
@@ -108,17 +111,11 @@ def planned(
     for route in plan.routes:
         for job in route.jobs:
             robots.setdefault(job, []).append(route.worker)
-    start_s = {stop.job: stop.start_s for route in plan.routes for stop in route.stops}
-    new = [
-        job.id
-        for job in problem.jobs
-        if (not only or job.id == only)
-        and job.id not in pinned
-        and snapshot.published.get(job.id) != tuple(robots.get(job.id, ()))
-    ]
-    new.sort(key=lambda job: start_s.get(job, math.inf))
+    following = [[step.task for step in found if not step.has_begun][:EXPLAINED] for found in steps.values()]
+    due = dict.fromkeys([*itertools.chain(*following), *left_out])
+    new = [job for job in due if snapshot.published.get(job) != tuple(robots.get(job, ()))]
     del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
-    decisions = explain(problem, plan, new, number=written.plan, pauses=snapshot.pauses)
+    decisions = explain(problem, plan, [only] if only else new, number=written.plan, pauses=snapshot.pauses)
     return PlanInForce(
         problem=written,
         steps=steps,

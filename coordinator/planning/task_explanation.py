@@ -75,37 +75,42 @@ class TaskExplainer:
         if record is not None:
             self.record(task_id, self.judge(record, now_ns, robots), now_ns)
 
-    def explain(self, record: TaskRecord, now_ns: int) -> TaskExplanation:
-        """Explain the state of a task; for a queued one, with each robot's present verdict."""
+    def explain(
+        self, record: TaskRecord, trace: str, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
+    ) -> None:
+        """Answer why a task stands as it does; for a queued one with each robot's cost, and with remedies.
+
+        Args:
+            record: of the task.
+            trace: of the task.
+            now_ns: the time.
+            answer: called once, for a queued task when a plan with it is made.
+
+        """
+        is_queued = record.state is TaskState.QUEUED
+        reason = self._reason(record, now_ns) if is_queued else record.reason
         decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
-        if record.state is TaskState.QUEUED:
-            judged, decided_ns = self.judge(record, now_ns), now_ns
-        else:
-            judged = _as_it_went(record, judged)
-        reason = self._reason(record, now_ns) if record.state is TaskState.QUEUED else record.reason
-        return TaskExplanation(
+        found = TaskExplanation(
             record=self.estimated(record, now_ns),
             now=cut(self._now(record, reason), TEXT_MAX),
             reason=reason,
-            robots=judged,
+            robots=_as_it_went(record, judged),
             decided_ns=decided_ns,
             changes=self._book.journal.history(record.task.id),
+            trace=trace,
         )
+        if not is_queued:
+            answer(found)
+            return
 
-    def find_remedies(
-        self, found: TaskExplanation, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
-    ) -> None:
-        """Answer an explanation with the changes that would let a plan include the task."""
+        def on_plan(supposed: Supposed) -> None:
+            robots = self.judge(record, now_ns, decision=supposed.decision(record.task.id))
+            answer(msgspec.structs.replace(found, robots=robots, decided_ns=now_ns, remedies=supposed.remedies))
+
         try:
-            self._planning.suppose(
-                found.record, now_ns, lambda one: answer(msgspec.structs.replace(found, remedies=one.remedies))
-            )
+            self._planning.suppose(record, now_ns, on_plan)
         except CallError as error:
             answer(error)
-
-    def is_left_out(self, record: TaskRecord) -> bool:
-        """Whether the plan leaves a queued task out."""
-        return record.state is TaskState.QUEUED and record.task.id in self._planning.left_out
 
     def estimated(self, record: TaskRecord, now_ns: int) -> TaskRecord:
         """The record of an open task with its estimate."""
@@ -159,10 +164,8 @@ class TaskExplainer:
         before = self._planning.forecast.times
 
         def on_plan(supposed: Supposed) -> None:
-            plan, forecast, found = supposed.planned, self._planning.forecast, None
+            plan, forecast, found = supposed.planned, self._planning.forecast, supposed.decision(task.id)
             after = forecast.times_of(plan, [*self._book.open, record], now_ns)
-            for decision in plan.decisions if plan is not None else ():
-                found = decision if decision.task == task.id else found
             times = after.get(task.id)
             result = TaskDryRun(
                 task=task,

@@ -233,13 +233,9 @@ class TaskRequests:
     def _get(self, request: Request[TaskRequest]) -> TaskRecord:
         return self._explanation.estimated(self._known(request.asked.id), self._clock.now_ns())
 
-    def _explain(self, request: Request[TaskRequest]) -> TaskExplanation | Deferred[TaskExplanation]:
-        record, now_ns = self._known(request.asked.id), self._clock.now_ns()
-        explained = self._explanation.explain(record, now_ns)
-        explained = msgspec.structs.replace(explained, trace=self._traces.of(request.asked.id))
-        if not self._explanation.is_left_out(record):
-            return explained
-        return Deferred(partial(self._explanation.find_remedies, explained, now_ns))
+    def _explain(self, request: Request[TaskRequest]) -> Deferred[TaskExplanation]:
+        record, trace = self._known(request.asked.id), self._traces.of(request.asked.id)
+        return Deferred(partial(self._explanation.explain, record, trace, self._clock.now_ns()))
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)

@@ -25,7 +25,7 @@ def job(name, place, **fields):
     return Job(id=name, place=place, prize_j=1000.0, **fields)
 
 
-def plan_of(orders, *jobs, **fields):
+def plan_of(orders, *jobs, only="", **fields):
     """Places 0 to 4 on a line, a metre apart, a second and a joule a metre; robots begin and end at 0."""
     length_m = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))[None]
     workers = tuple(
@@ -38,7 +38,7 @@ def plan_of(orders, *jobs, **fields):
     plan = msgspec.structs.replace(plan, unassigned=unassigned)
     snapshot = msgspec.structs.replace(open_floor_snapshot(7, 0), now_ns=round(NOW_S * 1e9), **fields)
     asked = BuiltProblem(question=None, waiting={"late": LATE}, charger_distances={})
-    return planned(snapshot, asked, problem, plan, WRITTEN, 0.25)
+    return planned(snapshot, asked, problem, plan, WRITTEN, 0.25, only=only)
 
 
 def ns(in_s):
@@ -100,8 +100,11 @@ def test_only_what_is_decided_anew_is_told_first_what_begins_first():
     assert [decision.task for decision in made.decisions] == ["c", "b", "d"]
 
 
-@pytest.mark.parametrize(("most", "told"), [(1, 1), (3, 1), (4, 2), (6, 3), (100, 3)])
-def test_so_many_decisions_are_told_that_their_bids_do_not_last_too_long(monkeypatch, most, told):
+@pytest.mark.parametrize(("most", "told"), [(1, 1), (3, 1), (4, 2), (6, 3), (100, 4)])
+def test_the_next_decisions_of_each_route_are_published_while_their_bids_do_not_last_too_long(monkeypatch, most, told):
     monkeypatch.setattr(planned_module, "BIDS_MAX", most)
-    made = plan_of([["a", "b", "c"], []], job("a", 1), job("b", 2), job("c", 3))
-    assert [decision.task for decision in made.decisions] == ["a", "b", "c"][:told]
+    jobs = [job(name, index) for index, name in enumerate("abcde")]
+    made = plan_of([["a", "b", "c"], ["e", "d"]], *jobs)
+    assert [decision.task for decision in made.decisions] == ["a", "b", "e", "d"][:told]
+    (asked,) = plan_of([["a", "b", "c"], ["e", "d"]], *jobs, only="c").decisions
+    assert (asked.task, asked.robots) == ("c", ("r0",))
