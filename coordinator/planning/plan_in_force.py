@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EXPLAINED = 2
 """Next tasks of each route whose decisions are explained and published (chosen: a robot is offered one task ahead). The
-others follow when they come next; a query is answered by a plan of its own."""
+others follow later. A query about a task makes a plan for its answer."""
 BIDS_MAX = 4000
 """Limit for the bids in the published decisions of one plan. The rest follow with the next plans (chosen: a bid takes
 some microseconds)."""
