@@ -32,6 +32,7 @@ EXCEPTIONS: dict[str, str] = {
         ),
         "measures a robot in bring-up; no plugin of a run reads it",
     ),
+    "coordinator/planning/remedies.py: scipy.ndimage.label": "numbers regions, for replies that are not recorded",
     "plugins/device/ros2/scan_reader.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
 }
 """Permitted uses as `file: name`, each with the reason."""

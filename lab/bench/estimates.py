@@ -9,6 +9,7 @@ import numpy as np
 
 from robrain.client.team import Team
 from robrain.deploy.command_line.terminal import new_console, print_line
+from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import Bound, Figure, at_most, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import all_runs, check_limits, errors_alone, names_of, numbers_of
 from robrain.protocol.errors import CallError
@@ -36,6 +37,8 @@ BLOCKED_S = 30.0
 LOW_SHARE, LOW_SOC = 0.25, 0.4
 """Share of the robots that begin with little charge, and have to charge soon."""
 CHECK_S = 0.5
+TRIES_MAX = 100
+"""Places that a team may refuse in turn."""
 QUEUED_PERCENT, BEGUN_PERCENT, ENERGY_PERCENT = at_most(15.0), at_most(10.0), at_most(7.0)
 IN_INTERVAL_PERCENT = Bound(at_least=85.0, at_most=95.0)
 WIDTH = 120
@@ -146,8 +149,8 @@ def _measured(
 
 
 def _submit(team: Team, plan: FloorPlan, cells: np.ndarray, rng: np.random.Generator) -> str:
-    """Submit a task at a place that is known to be free."""
-    while True:
+    """Submit a task at a place that is known to be free (UsageError if the team refuses many)."""
+    for _ in range(TRIES_MAX):
         row, column = cells[rng.integers(len(cells))].tolist()
         place = (
             plan.origin_x_m + (column + 0.5) * plan.resolution_m,
@@ -158,8 +161,9 @@ def _submit(team: Team, plan: FloorPlan, cells: np.ndarray, rng: np.random.Gener
             if rng.random() < 0.3:
                 return team.submit(INSPECT, place=place).task.id
             return team.submit(VISIT, place=place, service_s=service_s).task.id
-        except CallError:  # the team's map has something there
-            continue
+        except CallError as error:  # the team's map has something there
+            refusal = error
+    raise UsageError(f"the team refuses {TRIES_MAX} places in turn; is it on another floor? {refusal}")
 
 
 def _compared(

@@ -81,8 +81,8 @@ SERVING = {
     "dashboard --port 0": ("dashboard hall", "dashboard: http://", 0),
 }
 """Commands that run until Ctrl-C: each with the member that runs it, a line that it prints, and the exit status."""
-PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway")
-"""Commands of `BlueTeam`, and those that other tests run."""
+PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway", "bench estimates")
+"""Commands of `BlueTeam`, those that other tests run, and a benchmark that asks what `task` asks."""
 REFUSED = {
     "status": (0, "r1"),
     "plugin list r1": (0, "counter"),
