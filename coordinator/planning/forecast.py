@@ -37,6 +37,7 @@ PRIOR_BEGUN_RATIOS = (
 """Ratios of actual to estimated time before any task has ended: 21 quantiles of 336 tasks in depot and office
 (`robrain bench estimates --seeds 1-2`)."""
 INTERVAL = (0.05, 0.95)
+RATIO_MAX = 10.0
 MOVED_NS = to_ns(1.0)
 SHORT_S = 1.0
 """Shorter travel says nothing about the ratio."""
@@ -76,7 +77,7 @@ class Forecast:
     def __init__(
         self, book: TaskBook, roster: Roster, after_charge: Mapping[str, AfterCharge], time_margin: float
     ) -> None:
-        self._book, self._roster, self._after_charge, self._time_margin = book, roster, after_charge, time_margin
+        self._book, self._roster, self._after_charge, self.time_margin = book, roster, after_charge, time_margin
         self.times: dict[str, TaskTimes] = {}
         """Of the open tasks, as of the last update."""
         self._published: dict[str, TaskTimes] = {}
@@ -117,7 +118,7 @@ class Forecast:
         """A plan's bid by experience, `age_s` after the plan was made."""
         if bid.arrives_in_s is None or bid.energy_j is None:
             return bid
-        arrives_in_s = max(0.0, self._travel_ratio * bid.arrives_in_s / self._time_margin - age_s)
+        arrives_in_s = max(0.0, self._travel_ratio * bid.arrives_in_s / self.time_margin - age_s)
         return msgspec.structs.replace(
             bid, arrives_in_s=round(arrives_in_s, 1), energy_j=round(self._energy_ratio * bid.energy_j, 1)
         )
@@ -130,6 +131,7 @@ class Forecast:
         self._learn()
         for steps in plan.steps.values() if plan is not None else ():
             self._steps |= {step.task: step for step in steps if not step.has_begun}
+        self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
             estimated = self._begun if times.has_begun else self._queued
@@ -215,7 +217,7 @@ class Forecast:
         return TaskTimes(steps[0][0], leave_ns, arrive_ns, end_ns, energy_j, has_begun=False)
 
     def _travel_s(self, step: PlannedStep) -> float:
-        return self._travel_ratio * (step.travel_s / self._time_margin + HANDLING_S)
+        return self._travel_ratio * (step.travel_s / self.time_margin + HANDLING_S)
 
     def _whole_s(self, step: PlannedStep) -> float:
         return self._travel_s(step) + step.service_s - HANDLING_S
@@ -231,13 +233,13 @@ class Forecast:
             has_learned = True
             for estimated, ratios in ((queued, self._queued_ratios), (begun, self._begun_ratios)):
                 if estimated is not None and estimated.end_ns > estimated.from_ns:
-                    ratios.append((record.changed_ns - estimated.from_ns) / (estimated.end_ns - estimated.from_ns))
+                    ratios.append(_ratio(record.changed_ns - estimated.from_ns, estimated.end_ns - estimated.from_ns))
             if begun is not None and step is not None and step.travel_s > SHORT_S:
                 actual_s = to_seconds(record.changed_ns - begun.leave_ns) - (step.service_s - HANDLING_S)
-                self._travel_ratios.append(actual_s / (step.travel_s / self._time_margin + HANDLING_S))
+                self._travel_ratios.append(_ratio(actual_s, step.travel_s / self.time_margin + HANDLING_S))
                 energy_j = record.result.get("energy_j")
                 if isinstance(energy_j, float) and step.energy_j > 0:
-                    self._energy_ratios.append(energy_j / step.energy_j)
+                    self._energy_ratios.append(_ratio(energy_j, step.energy_j))
         if has_learned:
             self._travel_ratio, self._energy_ratio = median(self._travel_ratios), median(self._energy_ratios)
             self._queued_interval = _interval(self._queued_ratios)
@@ -257,6 +259,11 @@ def _differs(one: TaskTimes, other: TaskTimes) -> bool:
     moved_ns = max(abs(one.arrive_ns - other.arrive_ns), abs(one.end_ns - other.end_ns))
     names = (one.robot, one.has_begun, one.is_late), (other.robot, other.has_begun, other.is_late)
     return names[0] != names[1] or moved_ns >= MOVED_NS
+
+
+def _ratio(actual: float, expected: float) -> float:
+    """The ratio, within limits: robots report what they want."""
+    return min(max(actual / expected, 1.0 / RATIO_MAX), RATIO_MAX)
 
 
 def _interval(ratios: deque[float]) -> tuple[float, float]:

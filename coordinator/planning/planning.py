@@ -561,6 +561,7 @@ class Planning:
     def set_policy(self, policy: PlanningPolicy, cause: str) -> None:
         """Plan with other parameters from now on; `cause` is that of the next plan."""
         self.policy = policy
+        self.forecast.time_margin = policy.time_margin
         self._cause = cause
         self._not_before_ns = 0
 

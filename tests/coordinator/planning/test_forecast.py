@@ -7,7 +7,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import TASK_ESTIMATES
 from robrain.protocol.messages.tasks.task_messages import TASK_GET, TASK_LIST, TaskRequest
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
@@ -160,6 +160,18 @@ def test_estimates_are_in_lists_and_only_of_open_tasks(team):
     found = {record.task.id: record.estimate for record in team.asker.ask(TASK_LIST)}
     assert {name for name, one in found.items() if one is None} == {"a"}
     assert found["b"].robot == "r1"
+
+
+def test_robot_that_reports_impossible_energies_spoils_no_estimate(team):
+    robot = team.settle("r1", 4.0)
+    for number in range(6):
+        team.submit(visit(f"t{number}", 8.0 if number % 2 else 4.0))
+        team.run(2.0)
+        before = estimate(team, f"t{number}").energy_j
+        robot.pose = Pose2D(8.0 if number % 2 else 4.0, 4.0, 0.0)
+        robot.end(TaskState.DONE, energy_j=1e300)
+        team.run(1.2)
+    assert 0.0 < before < 1e4
 
 
 def test_without_plans_there_are_estimates_of_running_tasks(team):
