@@ -163,10 +163,10 @@ def accuracy_lines(of_map: MapAccuracy | None, positions: Mapping[str, PoseAccur
         if rmse_m and error_m:
             worst, farthest = max(rmse_m, key=rmse_m.__getitem__), max(error_m, key=error_m.__getitem__)
             parts = [
-                f"typically {rmse_m[worst]:.3f} m (RMSE of {worst}, the worst)",
+                f"RMSE {rmse_m[worst]:.3f} m ({worst}, the worst)",
                 f"at most {error_m[farthest]:.3f} m ({farthest})",
             ]
-        parts += [f"wrong without knowing it: {', '.join(silent) or 'nobody'}", f"lost: {', '.join(lost) or 'nobody'}"]
+        parts += [f"larger than reported: {', '.join(silent) or 'none'}", f"lost: {', '.join(lost) or 'none'}"]
         lines.append(f"position errors: {', '.join(parts)}")
     return lines
 

@@ -33,7 +33,7 @@ from robrain.recording.drawing.labels import natural_key, span_text
 STATE_S = 1.0
 """Timeout of the members' states."""
 POLL_S = 0.02
-STATES, RECEIVED, TRUTHS = "states", "heard", "truths"
+STATES, RECEIVED, TRUTHS = "states", "messages", "updates"
 OVER_NS = 3 * NS_PER_S
 """Time over which rates are averaged."""
 MEMBERS_MAX = 4096

@@ -30,7 +30,7 @@ from tests.product import FOLDERS, ROOT
 def test_nothing_is_said_of_what_was_not_measured() -> None:
     assert accuracy_lines(None, {"r1": None}) == []
     lost = PoseAccuracy(lost_s=4.0, is_lost=True)  # from the beginning, so there is no error to tell
-    assert accuracy_lines(None, {"r1": lost}) == ["position errors: wrong without knowing it: nobody, lost: r1 4.0 s"]
+    assert accuracy_lines(None, {"r1": lost}) == ["position errors: larger than reported: none, lost: r1 4.0 s"]
 
 
 def test_share_of_the_map_that_is_wrong_and_doubled_walls_are_said() -> None:
@@ -48,11 +48,11 @@ def test_worst_robots_are_named_and_who_was_lost_or_silently_off() -> None:
     }
     [line] = accuracy_lines(None, positions)
     assert line == (
-        "position errors: typically 0.300 m (RMSE of r2, the worst), at most 0.900 m (r1), "
-        "wrong without knowing it: r2 1.5 s, lost: r1 2.0 s"
+        "position errors: RMSE 0.300 m (r2, the worst), at most 0.900 m (r1), "
+        "larger than reported: r2 1.5 s, lost: r1 2.0 s"
     )
     [line] = accuracy_lines(None, {"r1": PoseAccuracy(rmse_m=0.1, max_error_m=0.2)})
-    assert line.endswith("wrong without knowing it: nobody, lost: nobody")
+    assert line.endswith("larger than reported: none, lost: none")
 
 
 def test_what_became_of_messages_by_radio_is_said() -> None:

@@ -56,7 +56,7 @@ def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
         summaries.put(TeamState(robots=[], messages=7 * tick))
         watch.update()
     assert watch.messages("r1") == "10.0 states/s"
-    assert watch.messages("coordinator") == "70.0 heard/s"
+    assert watch.messages("coordinator") == "70.0 messages/s"
     assert watch.messages("arena") == ""
     assert [(robot.words, robot.is_up) for robot in watch.robots()] == [("explore", True), ("starting", False)]
     assert watch.last_pose("r1") == Pose2D(1.0, 2.0, 0.0)
@@ -110,14 +110,14 @@ def test_cpu_and_memory_of_a_process_are_read_from_proc(tmp_path: Path) -> None:
 
 def test_table_shows_dashes_for_what_is_unknown_and_no_escapes_of_others() -> None:
     parts = [
-        MemberStatus("arena", pid=12, cpu_share=0.254, memory_mb=281.6, messages="5.0 truths/s", restarts=0),
+        MemberStatus("arena", pid=12, cpu_share=0.254, memory_mb=281.6, messages="5.0 updates/s", restarts=0),
         MemberStatus("r1", "\x1b[31mred", phase=Phase.WAITING),
     ]
     console = Console(record=True, width=80, file=io.StringIO(), markup=False)
     console.print(members_table(parts))
     titles, *rows = console.export_text().splitlines()
     assert titles.split() == ["part", "process", "CPU", "memory", "messages", "restarts", "state"]
-    assert rows[0].split() == ["arena", "12", "25%", "282", "MB", "5.0", "truths/s", "0", "up"]
+    assert rows[0].split() == ["arena", "12", "25%", "282", "MB", "5.0", "updates/s", "0", "up"]
     assert rows[1].split() == ["r1", *["–"] * 5, "waiting"]
     assert "\x1b" not in rows[1]
 
