@@ -20,7 +20,7 @@ from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.ballot import Ballot
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
-from robrain.protocol.model.tasks.old_form import RENAMED, upgraded_json
+from robrain.protocol.model.tasks.old_form import RENAMED, upgraded, upgraded_json
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import MinorityReached, NearestOut, NoState, PlainReason
 from robrain.recording.reader.reading import recorded_message
@@ -46,6 +46,11 @@ def test_an_event_of_an_old_task_is_read(old: Path) -> None:
 def test_what_is_no_task_is_read_as_it_was_written() -> None:
     payload = b'{"task":{"id":"visit"},  "x":1}'
     assert recorded_message(channel("robrain/default/robot/r1/state"), Message(1, 8, payload, 7, 3)).payload == payload
+
+
+def test_code_that_is_no_text_is_left_to_the_reader_that_refuses_it() -> None:
+    for code in ([1], {"a": 1}, 3, None):
+        assert upgraded({"reason": {"code": code}}) == {"reason": {"code": code}}
 
 
 def test_old_reasons_are_read_with_their_kind_sentence_and_values() -> None:

@@ -98,7 +98,8 @@ def upgraded(value: Any, sentence: str = "") -> Any:
             content[name] = RENAMED_CODES.get(part, part)
         elif name not in FREE and name != REFUSED:
             content[name] = upgraded(part, "" if name in WITHIN else text)
-    return _upgraded_reason(content, sentence) if content.get("code") in PLAIN_REASONS else content
+    code = content.get("code")
+    return _upgraded_reason(content, sentence) if isinstance(code, str) and code in PLAIN_REASONS else content
 
 
 def _upgraded_task(task: Any) -> Any:
