@@ -54,7 +54,7 @@ class Requests:
         gives_up_s = transport.elapsed_s() + transport.patience_s
         while True:
             try:
-                return self._wire.ask(topic, request, timeout_s=ASK_TIMEOUT_S)
+                return self._wire.ask(topic, request, timeout_s=max(topic.timeout_s, ASK_TIMEOUT_S))
             except NobodyThere as error:
                 if transport.elapsed_s() >= gives_up_s:
                     raise self._no_coordinator() from error

@@ -254,11 +254,14 @@ class LivePlanner:
         self.prepare()
 
     def suppose(self, supposition: Supposition) -> None:
-        """Request a plan that is not executed."""
+        """Request a plan that is not executed; there is none while the process starts."""
+        self.prepare()
+        if not self._is_ready:
+            self._supposed.append(Supposed(supposition.number, None))
+            return
         self._pending.add(supposition.number)
         self._suppositions.append(supposition)
         self._wake.set()
-        self.prepare()
 
     def supposed(self) -> list[Supposed]:
         """The answers to `suppose` since the last call."""

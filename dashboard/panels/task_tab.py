@@ -129,7 +129,7 @@ class TaskTab(Tab):
                 gui.add_html(CLOSE_MARK)
                 gui.add_button("Close").on_click(lambda _: self._page.post(modal.close))
 
-        self._page.context.asker.ask(TASK_EXPLAIN, TaskRequest(id=task, by=BY), show)
+        self._page.context.asker.ask(TASK_EXPLAIN, TaskRequest(id=task, by=BY), show, timeout_s=TASK_EXPLAIN.timeout_s)
 
     def _want_place(self, wants: bool) -> None:
         self._wants_place = wants

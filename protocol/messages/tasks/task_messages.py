@@ -5,7 +5,7 @@ As in `message`: JSON, unknown fields ignored, new fields with defaults. Stamps 
 
 from enum import StrEnum
 from types import NoneType
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
@@ -331,17 +331,22 @@ def _shown(value: object) -> str:
     return "unset" if value is None else msgspec.json.encode(value).decode()
 
 
-def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, *, reads_only: bool = False) -> Query[Q, R]:
-    return Query(f"task/{verb}", doc, request, reply, urgency=Urgency.INTERACTIVE_HIGH, reads_only=reads_only,
-                 errors=(ErrorCode.REFUSED,))  # fmt: skip
+PLAN_S = 10.0
+"""Timeout of queries that are answered by a plan of their own."""
+
+
+def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:
+    return Query(f"task/{verb}", doc, request, reply, urgency=Urgency.INTERACTIVE_HIGH, errors=(ErrorCode.REFUSED,),
+                 **more)  # fmt: skip
 
 
 TASK_SUBMIT = _task_query("submit", TaskSubmission, TaskRecord, "Submit a task: replies its record, or refuses it")
 TASK_DRY_RUN = _task_query(
     "dry_run", TaskSubmission, TaskDryRun, "Expected result if the task were submitted now",
-    reads_only=True)  # fmt: skip
+    reads_only=True, timeout_s=PLAN_S)  # fmt: skip
 TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "Cancel a task: replies its record")
 TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Records of tasks", reads_only=True)
 TASK_GET = _task_query("get", TaskRequest, TaskRecord, "Record of one task", reads_only=True)
 TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Kinds of tasks that the robots offer", reads_only=True)
-TASK_EXPLAIN = _task_query("explain", TaskRequest, TaskExplanation, "Reason of a task's state", reads_only=True)
+TASK_EXPLAIN = _task_query(
+    "explain", TaskRequest, TaskExplanation, "Reason of a task's state", reads_only=True, timeout_s=PLAN_S)  # fmt: skip

@@ -55,14 +55,18 @@ def test_suppositions_are_all_answered_beside_plans_and_those_of_a_lost_process_
         until(lambda: found.extend(planner.supposed()) or len(found) >= count, "a supposition has no answer")
         return found
 
+    planner.suppose(Supposition(0, open_floor_snapshot(0, 2), PlanningPolicy(), "t0"))
+    assert [(one.number, one.planned) for one in planner.supposed()] == [(0, None)], "the process starts"
     planner.ask(open_floor_snapshot(1, 12), PlanningPolicy(deadline_s=0.2))
+    wait_for(planner, made, bool)
+    planner.ask(open_floor_snapshot(2, 12), PlanningPolicy(deadline_s=0.2))
     for number in range(1, 6):
         planner.suppose(Supposition(number, open_floor_snapshot(number, number + 1), PlanningPolicy(), "t0"))
     found = supposed(5)
     assert [one.number for one in found] == [1, 2, 3, 4, 5]
     assert [{decision.task for decision in one.planned.decisions} for one in found] == [{"t0"}] * 5
     assert sum(len(steps) for steps in found[4].planned.steps.values()) == 6
-    wait_for(planner, made, lambda plans: any(plan.problem.plan == 1 for plan in plans))
+    wait_for(planner, made, lambda plans: any(plan.problem.plan == 2 for plan in plans))
     os.kill(planner.pid, signal.SIGKILL)
     planner.suppose(Supposition(6, open_floor_snapshot(6, 500), PlanningPolicy(), "t0"))
     (lost,) = supposed(1)
