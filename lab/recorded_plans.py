@@ -6,11 +6,14 @@ from typing import NamedTuple
 
 import msgspec
 
+from robrain.algorithms.allocation.explain import explain
+from robrain.algorithms.allocation.plan import make_plan
 from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.protocol.messages.tasks.plan_messages import TASK_PROBLEM, PlanProblem
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.recording.reader.reading import read_messages
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]
@@ -41,6 +44,15 @@ def plan_again(problem: PlanProblem) -> Routes:
     solver = PlanSolver(decode(problem.question).problem(), policy, dict(problem.warm_start), problem.iterations)
     solver.run(problem.rounds)
     return tuple((route.worker, route.jobs) for route in solver.plan.routes if route.stops)
+
+
+def costs_again(problem: PlanProblem, task: str) -> tuple[RobotVerdict, ...]:
+    """Each robot's cost of a task by a recorded plan, or the reason of its exclusion (ValueError if it is invalid)."""
+    asked, routes = decode(problem.question).problem(), dict(problem.routes)
+    plan = make_plan(asked, [routes.get(worker.name, ()) for worker in asked.workers], problem.objective)
+    if plan is None or task not in asked.job_index:
+        raise ValueError(f"expected a plan with the task {task}")
+    return explain(asked, plan, task)
 
 
 def replay_decisions(recording: Path) -> Iterator[ReplayedPlan]:

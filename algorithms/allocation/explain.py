@@ -1,16 +1,17 @@
-"""Reasons for a plan: for each job, its cost for each robot, or why the robot is excluded."""
+"""Reasons for a plan: the cost of a job for each robot, or why the robot is excluded."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
 import msgspec
+import numpy as np
 from numba import njit
 
 from robrain.algorithms.allocation.coupling import windows_of
 from robrain.algorithms.allocation.insertion import BY_ENERGY, RouteBatch, empty_routes, insertion_at, refresh, remove
-from robrain.algorithms.allocation.plan import Plan, Stop, Unassigned
+from robrain.algorithms.allocation.plan import Plan, Unassigned
 from robrain.algorithms.allocation.problem import (
     Job,
     Problem,
@@ -20,93 +21,55 @@ from robrain.algorithms.allocation.problem import (
     Worker,
     make_arrays,
 )
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.reasons import (
     NO_ROUND_TRIP,
     BelowReserve,
     LacksEnergy,
     NearestOut,
-    PlainReason,
     PlanReason,
     RobotReason,
     after_undone,
     lacks_plugins,
     plain,
-    sentence_of,
 )
 
 
 def explain(
-    problem: Problem,
-    plan: Plan,
-    jobs: Iterable[str] | None = None,
-    *,
-    number: int = 0,
-    pauses: Mapping[tuple[str, str], RobotReason] = MappingProxyType({}),
-) -> list[TaskDecision]:
-    """Return the decisions of a plan.
+    problem: Problem, plan: Plan, name: str, pauses: Mapping[tuple[str, str], RobotReason] = MappingProxyType({})
+) -> tuple[RobotVerdict, ...]:
+    """Return each worker's cost of a job by a plan, or the reason of its exclusion; nothing for a pinned job.
 
     A robot's figures are those of the cheapest position in its route, with all other jobs in place. They cover the path
-    from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait
-    for keep their windows.
+    from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait for
+    keep their windows.
 
     Args:
         problem: the problem.
         plan: its plan.
-        jobs: ids; all if None.
-        number: of the plan.
+        name: id of the job.
         pauses: job and robot that must not be brought together for a while, and why.
 
     """
+    index = problem.job_index[name]
+    job = problem.jobs[index]
+    if job.pinned_to:
+        return ()
+    robots = {route.worker for route in plan.routes if name in route.jobs}
     arrays = make_arrays(problem)
     if problem.coupled:
         arrays = _narrowed(problem, arrays, plan)
     routes = routes_of(problem, arrays, plan)
-    visit_of = {int(index): visit for visit, index in reversed(list(enumerate(arrays.visits.job)))}
-    stops: dict[str, list[tuple[str, Stop]]] = {}
-    for route in plan.routes:
-        for stop in route.stops:
-            stops.setdefault(stop.job, []).append((route.worker, stop))
-    left_out = {one.job: one.reason for one in plan.unassigned}
-    decisions = []
-    for name in [job.id for job in problem.jobs] if jobs is None else jobs:
-        index = problem.job_index[name]
-        job, done_by = problem.jobs[index], stops.get(name, [])
-        robots, bids, more_j = tuple(worker for worker, _ in done_by), list[RobotVerdict](), dict[str, float]()
-        reason: PlanReason | None
-        if job.pinned_to:
-            reason = left_out.get(name) or plain("is_at_it", f"{job.pinned_to} is at it", robot=job.pinned_to)
+    visit = int(np.flatnonzero(arrays.visits.job == index)[0])
+    _remove_job(problem, arrays, routes, index)
+    bids = []
+    for row, worker in enumerate(problem.workers):
+        if (pause := pauses.get((name, worker.name))) is not None:
+            bid = RobotVerdict.judged(worker.name, pause)
         else:
-            former = _remove_job(problem, arrays, routes, index)
-            for row, worker in enumerate(problem.workers):
-                judged = judge(arrays, routes, row, visit_of[index])
-                bids.append(_bid(problem, arrays, routes, row, job, judged))
-                if judged.code == FITS:
-                    more_j[worker.name] = judged.more_j
-            for row, order in former.items():
-                routes.order[row, : len(order)] = order
-                routes.length[row] = len(order)
-                refresh(arrays.team, arrays.visits, routes, row)
-            reason = _choice_reason(robots, more_j) if robots else left_out.get(name)
-        decisions.append(
-            TaskDecision(
-                task=name,
-                plan=number,
-                robots=robots,
-                start_in_s=round(done_by[0][1].start_s, 2) if done_by else None,
-                why=sentence_of(reason),
-                reason=reason,
-                bids=tuple(_published(bid, robots, pauses.get((name, bid.robot))) for bid in bids),
-            )
-        )
-    return decisions
-
-
-def _published(bid: RobotVerdict, robots: tuple[str, ...], pause: RobotReason | None) -> RobotVerdict:
-    if pause is not None:
-        bid = RobotVerdict.judged(bid.robot, pause)
-    return msgspec.structs.replace(bid, chosen=True) if bid.robot in robots else bid
+            bid = _bid(problem, arrays, routes, row, job, judge(arrays, routes, row, visit))
+        bids.append(msgspec.structs.replace(bid, chosen=worker.name in robots))
+    return tuple(bids)
 
 
 def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArrays:
@@ -119,17 +82,13 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
     return arrays
 
 
-def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> dict[int, list[int]]:
-    """Remove a job's visits from their routes; returns the former routes."""
-    former: dict[int, list[int]] = {}
+def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> None:
+    """Remove a job's visits from their routes."""
     for worker in range(len(problem.workers)):
-        order = [int(visit) for visit in routes.order[worker, : routes.length[worker]]]
-        for position, visit in enumerate(order):
-            if int(arrays.visits.job[visit]) == index:
-                former[worker] = order
+        for position in range(routes.length[worker]):
+            if int(arrays.visits.job[routes.order[worker, position]]) == index:
                 remove(arrays.team, arrays.visits, routes, worker, position)
                 break
-    return former
 
 
 def _bid(
@@ -150,21 +109,6 @@ def _bid(
         arrives_in_s=round(float(arrives_in_s), 3),
         left_soc=round(min(1.0, left_j / worker.capacity_j), 4) if worker.capacity_j > 0 else None,
     )
-
-
-def _choice_reason(robots: tuple[str, ...], more_j: Mapping[str, float]) -> PlainReason:
-    """Whether they are the robots that add least to their routes, or the plan as a whole is cheaper this way."""
-    costs = sorted((cost_j, robot) for robot, cost_j in more_j.items())
-    cheapest = {worker for _, worker in costs[: len(robots)]}
-    names = " and ".join(robots)
-    if set(robots) <= cheapest:
-        others = [cost for cost, worker in costs if worker not in robots]
-        if not others or not math.isfinite(others[0]):
-            return plain("only_these", f"{names} can, and nobody else", robots=robots)
-        text = f"{names} takes least; the next would take {others[0]:.0f} J"
-        return plain("cheapest", text, robots=robots, next_j=others[0])
-    text = f"{names} does not take least for it alone, but the plan as a whole is better so"
-    return plain("best_together", text, robots=robots)
 
 
 FITS, LACKS, NO_PATH, TOO_LATE, CROWDED, NO_ENERGY = range(6)

@@ -68,8 +68,6 @@ class Choice(NamedTuple):
     robot: str
     place: Point2D
     cost_m: float
-    path_m: float = math.nan
-    """Length of the path."""
     is_narrow: bool = False
     """Whether the path passes places with less than the preferred clearance."""
 
@@ -189,9 +187,8 @@ class Situation:
 
     def choice(self, row: int, column: int, cost_m: float | None = None) -> Choice:
         """The choice of a frontier for a seeker, by their numbers; its cost is the path's unless it is given."""
-        path_m = float(self.paths_m[row, column])
-        cost_m = path_m if cost_m is None else float(cost_m)
-        return Choice(self.seekers[row].name, self.candidates[column].place, cost_m, path_m, self.is_narrow)
+        cost_m = float(self.paths_m[row, column] if cost_m is None else cost_m)
+        return Choice(self.seekers[row].name, self.candidates[column].place, cost_m, self.is_narrow)
 
     def _from(self, places: Sequence[Point2D]) -> NDArray[np.float64]:
         paths_m = np.full((len(places), len(self.candidates)), np.inf)

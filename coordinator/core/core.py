@@ -1,6 +1,5 @@
 """The core that the parts of a coordinator share (team, tasks, plans), and the base class of the parts."""
 
-import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -259,7 +258,7 @@ class Core:
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts)
         self.planning = Planning(self.lifecycle, self.team_map, policy)
         self.explanation = TaskExplainer(self.lifecycle, self.planning, self.parts.verdicts)
-        coalitions = Coalitions(self.planning, self.lifecycle, self.explanation, self.team_map, self.new_id)
+        coalitions = Coalitions(self.planning, self.lifecycle, self.team_map, self.new_id)
         self.executor = PlanExecutor(self.planning, self.lifecycle, self.explanation, coalitions)
         self.requests = TaskRequests(
             self.lifecycle, self.explanation, self.team_map, self.planning.chargers, self.parts
@@ -291,20 +290,9 @@ class Core:
         """The robots without a task."""
         return [robot for robot in robots if self.tasks.of_robot(robot.name) is None]
 
-    def offer_own(self, task: Task, robot: str, now_ns: int, path_length_m: float = math.nan) -> None:
-        """Offer a task of the coordinator's own, and publish what it will cost.
-
-        Args:
-            task: with a new id.
-            robot: which gets it.
-            now_ns: the time.
-            path_length_m: to its place; nan if unknown.
-
-        """
+    def offer_own(self, task: Task, robot: str, now_ns: int) -> None:
+        """Offer a task of the coordinator's own, with a new id, to a robot."""
         self.tasks.add(task, own=True)
-        known = self.roster.robots.get(robot)
-        if known is not None and known.state is not None:
-            self.planning.publish_own_cost(task, known.state, path_length_m)
         self.lifecycle.offer(task.id, robot, now_ns)
 
     def close(self) -> None:

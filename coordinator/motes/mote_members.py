@@ -290,10 +290,9 @@ class MoteMembers(CoordinatorPart):
         wanted = wanted_of_motes(record)
         if wanted is None or self._eligibility.wait_reason(record, now_ns) is not None:
             return
-        verdicts, mote = self.judge(record, now_ns)
+        _, mote = self.judge(record, now_ns)
         if mote is None:
             return
-        self.core.explanation.record(record.task.id, verdicts, now_ns)
         self._book.offered(record.task.id, f"{MEMBER_PREFIX}{mote.name}")
         self._book.move(record.task.id, TaskState.RUNNING)
         mote_task = self._tasks[record.task.id] = MoteTask(wanted, mote, now_ns)

@@ -78,7 +78,7 @@ class Exploration(CoordinatorPart):
 
         def explore(choice: Choice) -> None:
             task = Task(id=self.core.new_id("explore"), kind=EXPLORE, place=choice.place)
-            self.core.offer_own(task, choice.robot, now_ns, choice.path_m)
+            self.core.offer_own(task, choice.robot, now_ns)
 
         self.core.guard.records(choices, explore, attrgetter("robot"), "frontier")
 

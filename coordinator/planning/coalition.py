@@ -14,7 +14,6 @@ import msgspec
 import numpy as np
 
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
@@ -53,7 +52,6 @@ class Coalitions:
     Args:
         planning: decides which robots, and when.
         lifecycle: offers the parts.
-        explanation: keeps the verdicts of each decision.
         team_map: the known map.
         new_id: makes an unused task id of a kind.
 
@@ -63,11 +61,10 @@ class Coalitions:
         self,
         planning: Planning,
         lifecycle: TaskLifecycle,
-        explanation: TaskExplainer,
         team_map: TeamMap,
         new_id: Callable[[str], str],
     ) -> None:
-        self._planning, self._lifecycle, self._explanation = planning, lifecycle, explanation
+        self._planning, self._lifecycle = planning, lifecycle
         self._book, self._map, self._new_id = lifecycle.book, team_map, new_id
         self._groups: dict[str, _Group] = {}
         for record in self._book.open:
@@ -96,7 +93,6 @@ class Coalitions:
             at = self._book.of_robot(robot)
             if at is not None and at.task.kind == EXPLORE:
                 self._book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
-        self._explanation.record_decision(task_id, robots, now_ns)
         spots = self._spots(record.task, robots)
         gather = plain("gather", f"{' and '.join(robots)} gather for it", robots=tuple(robots))
         self._book.begin_together(task_id, gather)

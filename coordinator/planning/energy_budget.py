@@ -14,13 +14,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import Profile
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
-from robrain.protocol.model.tasks.task import Task, parameters_of
-from robrain.protocol.reasons import plain, sentence_of
 
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
 """Of a robot that publishes no model: chosen, about that of a small robot of 15 W."""
@@ -153,35 +148,3 @@ def kinds_of(profiles: Sequence[Profile]) -> tuple[list[Profile], list[int]]:
 
 def _step(value: float, share: float) -> int:
     return math.floor(math.log(value) / math.log1p(share))
-
-
-def own_decision(
-    task: Task, state: RobotState, path_length_m: float, plan: int, policy: PlanningPolicy
-) -> TaskDecision | None:
-    """Predicted cost of a task of the coordinator's own, to explore or to charge, as the decision to offer it.
-
-    Args:
-        task: the task that is about to be offered.
-        state: of its robot.
-        path_length_m: nan if unknown.
-        plan: number of the last plan.
-        policy: parameters of path costs.
-
-    Returns:
-        None if the robot reports too little. The charge itself is not included.
-
-    """
-    if state.pose is None or state.energy is None:
-        return None
-    if not math.isfinite(path_length_m):
-        path_length_m = DETOUR * state.pose.distance_m(task.place)
-    found = estimate(state.energy, Work(path_m=path_length_m, wait_s=DOCK_S if task.kind == RECHARGE else 0.0))
-    time_s = policy.time_margin * found.duration_s
-    bid = RobotVerdict(robot=state.robot, chosen=True, energy_j=round(found.mean_j, 3), arrives_in_s=round(time_s, 3))
-    if task.kind == RECHARGE:
-        to_soc = parameters_of(task, Recharge).until_soc
-        reason = plain("to_charge", f"it is to charge to {to_soc:.0%}", to_soc=to_soc)
-    else:
-        reason = plain("nothing_else", "it has nothing else to do")
-    return TaskDecision(task=task.id, plan=plan, robots=(state.robot,), start_in_s=0.0, why=sentence_of(reason),
-                        reason=reason, bids=(bid,))  # fmt: skip

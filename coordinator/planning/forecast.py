@@ -114,11 +114,11 @@ class Forecast:
             is_late=times.is_late,
         )
 
-    def corrected(self, bid: RobotVerdict, age_s: float) -> RobotVerdict:
-        """A plan's bid by experience, `age_s` after the plan was made."""
+    def corrected(self, bid: RobotVerdict) -> RobotVerdict:
+        """A bid of a plan of now, by experience."""
         if bid.arrives_in_s is None or bid.energy_j is None:
             return bid
-        arrives_in_s = max(0.0, self._travel_ratio * bid.arrives_in_s / self.time_margin - age_s)
+        arrives_in_s = self._travel_ratio * bid.arrives_in_s / self.time_margin
         return msgspec.structs.replace(
             bid, arrives_in_s=round(arrives_in_s, 1), energy_j=round(self._energy_ratio * bid.energy_j, 1)
         )

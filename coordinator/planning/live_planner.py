@@ -21,7 +21,6 @@ from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
 from robrain.protocol.backoff import Backoff
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import Remedy
 from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
 
@@ -52,7 +51,7 @@ class Supposition(NamedTuple):
     snapshot: Snapshot
     policy: PlanningPolicy
     task: str
-    """The task, whose decision is explained."""
+    """The task, whose costs are wanted."""
     absent: dict[str, PlanningRobot] = {}  # noqa: RUF012 - never changed
     """Robots of the team that plans exclude now."""
 
@@ -89,11 +88,6 @@ class Supposed(msgspec.Struct, frozen=True, tag=True):
     """Changes with which a plan would include the task, if this one does not."""
     blocks: list[str] = []
     """Places that cannot be reached while a robot is at the task."""
-
-    def decision(self, task: str) -> TaskDecision | None:
-        """The plan's decision about a task."""
-        decisions = () if self.planned is None else self.planned.decisions
-        return next((one for one in decisions if one.task == task), None)
 
 
 Reply = Ready | Made | PlanFailed | Done | Supposed

@@ -1,11 +1,11 @@
 """Executes the plan: offers due tasks, publishes why tasks are unplanned, and fails those unplanned for too long."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
-from robrain.coordinator.planning.task_explanation import Refusal, TaskExplainer, distance_m, verdicts
+from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
@@ -25,7 +25,7 @@ class PlanExecutor:
     Args:
         planning: makes the plans.
         lifecycle: of the tasks, with the book and the robots.
-        explanation: keeps the verdicts of each decision.
+        explanation: finds robots that are able to do a task.
         coalitions: executes tasks for several robots.
 
     """
@@ -62,15 +62,13 @@ class PlanExecutor:
 
     def _dispatch(self, ready: Sequence[TaskRecord], idle: Sequence[Robot], now_ns: int) -> None:
         """Offer ready tasks to the nearest robots."""
-        eligibility, robots = self._lifecycle.eligibility, self._lifecycle.roster.by_name
+        eligibility = self._lifecycle.eligibility
 
         def refusal(record: TaskRecord, robot: Robot) -> RobotReason | None:
             return eligibility.refusal(record, robot, now_ns)
 
         with self._lifecycle.as_far_as_written(now_ns):
-            by_id = {record.task.id: record for record in ready}
             for task_id, robot in dispatch(ready, idle, refusal):
-                self._explanation.record(task_id, verdicts(by_id[task_id], robots, refusal, robot), now_ns)
                 self._lifecycle.offer(task_id, robot, now_ns)
 
     def _follow_plan(self, now_ns: int) -> bool:
@@ -86,7 +84,6 @@ class PlanExecutor:
                 at = book.of_robot(robot)
                 if at is not None and not after:
                     book.move(at.task.id, TaskState.CANCELLED, needed_for(robot, task_id))
-                self._explanation.record_decision(task_id, [robot], now_ns)
                 lifecycle.offer(task_id, robot, now_ns, after=after)
                 record = book.find(task_id)
                 if record is not None and record.state in (TaskState.OFFERED, TaskState.RUNNING):
@@ -127,6 +124,10 @@ def _is_alike(published: TaskReason | None, reason: PlanReason) -> bool:
     return published is not None and published.code == reason.code
 
 
+Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
+"""Why a task must not go to a robot now; None if it may."""
+
+
 def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusal) -> list[tuple[str, str]]:
     """Assign each ready task to the nearest robot that is still idle.
 
@@ -145,9 +146,9 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusa
         if not free:
             break
         able = [
-            (away_m, name)
+            (pose.distance_m(record.task.place), name)
             for name, robot in free.items()
-            if (away_m := distance_m(record.task, robot)) is not None and refusal(record, robot) is None
+            if robot.state is not None and (pose := robot.state.pose) is not None and refusal(record, robot) is None
         ]
         if able:
             chosen = min(able)[1]

@@ -1,6 +1,5 @@
-"""A plan as the coordinator follows it: assignments with order and times, and the decisions behind them."""
+"""A plan as the coordinator follows it: assignments with order and times."""
 
-import itertools
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -9,18 +8,12 @@ from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Problem
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerDistances, Orders, Snapshot
-from robrain.protocol.messages.tasks.plan_messages import PlanProblem, TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import PlanProblem
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.protocol.reasons import PlanReason, TaskReason
 
 if TYPE_CHECKING:
     from robrain.coordinator.planning.problem_builder import BuiltProblem
-
-EXPLAINED = 2
-"""Next tasks of each route whose decisions are explained and published (chosen: a robot is offered one task ahead). The
-others follow later. A query about a task makes a plan for its answer."""
-BIDS_MAX = 4000
-"""Limit for the bids in the published decisions of one plan. The rest follow with the next plans (chosen: a bid takes
-some microseconds)."""
 
 
 class PlannedStep(msgspec.Struct, frozen=True):
@@ -40,7 +33,7 @@ class PlannedStep(msgspec.Struct, frozen=True):
 
 
 class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
-    """A plan with its decisions."""
+    """A plan, and on request the costs of one task."""
 
     problem: PlanProblem
     steps: dict[str, tuple[PlannedStep, ...]]
@@ -49,8 +42,8 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     """Tasks that no robot does, and why."""
     waiting: dict[str, TaskReason]
     """Tasks that could not be part of the plan, and why."""
-    decisions: list[TaskDecision]
-    """The new or changed ones."""
+    bids: tuple[RobotVerdict, ...] = ()
+    """Costs of the task that was asked for, for each robot."""
     failures: tuple[PlanFailure, ...] = ()
     """Failures of other distributions' code while the plan was made."""
     duration_s: float = 0.0
@@ -107,21 +100,12 @@ def planned(
         if one.job not in pinned:
             assert one.reason is not None  # allocators give one for each
             left_out[one.job] = one.reason
-    robots: dict[str, list[str]] = {}
-    for route in plan.routes:
-        for job in route.jobs:
-            robots.setdefault(job, []).append(route.worker)
-    following = [[step.task for step in found if not step.has_begun][:EXPLAINED] for found in steps.values()]
-    due = dict.fromkeys([*itertools.chain(*following), *left_out])
-    new = [job for job in due if snapshot.published.get(job) != tuple(robots.get(job, ()))]
-    del new[max(1, BIDS_MAX // max(1, len(problem.workers))) :]
-    decisions = explain(problem, plan, [only] if only else new, number=written.plan, pauses=snapshot.pauses)
     return PlanInForce(
         problem=written,
         steps=steps,
         left_out=left_out,
         waiting=asked.waiting,
-        decisions=decisions,
+        bids=explain(problem, plan, only, snapshot.pauses) if only else (),
         failures=failures,
         duration_s=duration_s,
         charger_distances=asked.charger_distances,

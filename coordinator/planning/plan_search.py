@@ -317,7 +317,7 @@ class Draft:
         self.solver = PlanSolver(asked.question.problem(), policy, snapshot.orders)
 
     def planned(self, duration_s: float = 0.0, only: str = "") -> PlanInForce:
-        """The best plan up to now; with the decision about the task `only` alone, if that is given."""
+        """The best plan up to now; with the costs of the task `only`, if that is given."""
         snapshot, policy = self._snapshot, self._policy
         plan = self.solver.plan
         written = PlanProblem(
@@ -360,11 +360,10 @@ def rehearse() -> None:
         served_s={},
         floor=Floor(np.full((SIDE, SIDE), FREE), GridGeometry(0.1, 0.0, 0.0, SIDE, SIDE), 1),
         orders={},
-        published={},
     )
     draft = PlanSearch().draft(snapshot, PlanningPolicy(iterations=1))
     draft.solver.run(rounds=1)
-    draft.planned()
+    draft.planned(only="t0")
 
 
 class LockstepPlanner:

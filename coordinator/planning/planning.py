@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from robrain.coordinator.planning.chargers import KnownChargers
-from robrain.coordinator.planning.energy_budget import PLENTY_J, capacity_j, own_decision, profile_of
+from robrain.coordinator.planning.energy_budget import PLENTY_J, capacity_j, profile_of
 from robrain.coordinator.planning.forecast import Forecast
 from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
@@ -39,14 +39,13 @@ from robrain.protocol.messages.tasks.plan_messages import (
     ObjectiveRequest,
     PlannedCharge,
     PlanningStatus,
-    TaskDecision,
     TaskEstimates,
 )
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
@@ -152,7 +151,6 @@ FORECAST_NS = to_ns(1.0)
 """Interval at which estimates follow the robots; they follow a new plan at once."""
 SOON_NS = to_ns(30.0)
 """A robot whose next task begins within this is not sent exploring (chosen)."""
-KEPT_DECISIONS = 2000
 SUPPOSITIONS_MAX = 16
 
 
@@ -215,7 +213,6 @@ class Planning:
         self._failure_reason = ""
         self._plan: PlanInForce | None = None
         self._number = 0
-        self._decisions: dict[str, tuple[int, TaskDecision]] = {}
         self._ending_ns: dict[str, int] = {}
         """Since when each robot is about to end its task."""
         self._check_ns = 0
@@ -223,7 +220,6 @@ class Planning:
         self._seen_version = -1
         self._asked_ns: int | None = None
         self._cause = ""
-        self._decision_publisher = wire.publisher(plan_messages.TASK_DECISION)
         self._estimates_publisher = wire.publisher(plan_messages.TASK_ESTIMATES)
         self._problem_publisher = wire.publisher(plan_messages.TASK_PROBLEM)
         wire.answer(plan_messages.COORDINATOR_PLANNING, lambda _: self.status(), serve=Serve.IN_STEP)
@@ -332,7 +328,6 @@ class Planning:
             served_s=self._builder.served_s(records, now_ns),
             floor=self._builder.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),
-            published={task: decision.robots for task, (_, decision) in self._decisions.items()},
         )
 
     def suppose(self, record: TaskRecord, now_ns: int, on_plan: Callable[[Supposed], None]) -> None:
@@ -377,12 +372,6 @@ class Planning:
             self._problem_publisher.put(plan.problem)
             for failure in plan.failures:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
-            for decision in plan.decisions:
-                self._decisions.pop(decision.task, None)
-                self._decisions[decision.task] = (plan.problem.asked_ns, decision)
-                self._decision_publisher.put(decision)
-            while len(self._decisions) > KEPT_DECISIONS:
-                del self._decisions[next(iter(self._decisions))]
             self.waiting = plan.waiting
             self.left_out = {
                 task: Unplanned(reason, self.left_out[task].since_ns if task in self.left_out else now_ns)
@@ -489,16 +478,6 @@ class Planning:
         return None
 
     # -- publishing -----------------------------------------------------------------------------------------
-
-    def publish_own_cost(self, task: Task, state: RobotState, path_length_m: float) -> None:
-        """Publish the predicted cost of a task of the coordinator's own; see `own_decision`."""
-        decision = own_decision(task, state, path_length_m, self.number, self.policy)
-        if decision is not None:
-            self._decision_publisher.put(decision)
-
-    def decision(self, task_id: str) -> tuple[int, TaskDecision | None]:
-        """Time and content of the last decision about a task; 0 and None if there is none."""
-        return self._decisions.get(task_id, (0, None))
 
     def exclusion(self, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why plans exclude a robot now; None if they do not."""

@@ -91,8 +91,6 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     floor: Floor | None
     orders: Orders
     """Of the previous plan."""
-    published: dict[str, tuple[str, ...]]
-    """For each task, the robots that the last published decision named."""
 
 
 def urgency(record: TaskRecord) -> tuple[float, float, int, str]:

@@ -12,7 +12,6 @@ from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
 from robrain.protocol.messages.tasks.task_messages import (
     RobotVerdict,
     TaskDelay,
@@ -35,11 +34,8 @@ from robrain.protocol.reasons import (
     sentence_of,
 )
 
-KEPT_VERDICTS = 1000
 DELAY_NS = to_ns(5.0)
 """Smaller delays of other tasks are not reported (chosen: estimates are no better)."""
-Refusal = Callable[[TaskRecord, Robot], RobotReason | None]
-"""Why a task must not go to a robot now; None if it may."""
 
 
 class TaskExplainer:
@@ -60,55 +56,41 @@ class TaskExplainer:
     ) -> None:
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
         self._eligibility, self._planning, self._others = lifecycle.eligibility, planning, others
-        self._verdicts: dict[str, tuple[int, list[RobotVerdict]]] = {}
-
-    def record(self, task_id: str, verdicts: list[RobotVerdict], now_ns: int) -> None:
-        """Keep the verdicts with which a task was assigned."""
-        self._verdicts.pop(task_id, None)
-        self._verdicts[task_id] = (now_ns, verdicts)
-        if len(self._verdicts) > KEPT_VERDICTS:
-            del self._verdicts[next(iter(self._verdicts))]
-
-    def record_decision(self, task_id: str, robots: Sequence[str], now_ns: int) -> None:
-        """Keep each robot's verdict on a task that is about to be offered, for later queries."""
-        record = self._book.find(task_id)
-        if record is not None:
-            self.record(task_id, self.judge(record, now_ns, robots), now_ns)
 
     def explain(
         self, record: TaskRecord, trace: str, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
     ) -> None:
-        """Answer why a task stands as it does; for a queued one with each robot's cost, and with remedies.
+        """Answer why a task stands as it does; for an open one with each robot's cost from now on.
 
         Args:
             record: of the task.
             trace: of the task.
             now_ns: the time.
-            answer: called once, for a queued task when a plan with it is made.
+            answer: called once, for an open task when a plan with it is made.
 
         """
         is_queued = record.state is TaskState.QUEUED
         reason = self._reason(record, now_ns) if is_queued else record.reason
-        decided_ns, judged = self._verdicts.get(record.task.id, (0, []))
         found = TaskExplanation(
             record=self.estimated(record, now_ns),
             now=cut(self._now(record, reason), TEXT_MAX),
             reason=reason,
-            robots=_as_it_went(record, judged),
-            decided_ns=decided_ns,
+            robots=[RobotVerdict(robot=name, chosen=True) for name in sorted(_whose(record))],
             changes=self._book.journal.history(record.task.id),
             trace=trace,
         )
-        if not is_queued:
+        if record.state.ended or record.own:
             answer(found)
             return
 
-        def on_plan(supposed: Supposed) -> None:
-            robots = self.judge(record, now_ns, decision=supposed.decision(record.task.id))
-            answer(msgspec.structs.replace(found, robots=robots, decided_ns=now_ns, remedies=supposed.remedies))
+        def on_plan(one: Supposed) -> None:
+            judged = self._judge(record, now_ns, () if one.planned is None else one.planned.bids)
+            remedies = one.remedies if is_queued else []
+            answer(msgspec.structs.replace(found, robots=judged, decided_ns=now_ns, remedies=remedies))
 
+        unbegun = msgspec.structs.replace(record, state=TaskState.QUEUED, robot="")
         try:
-            self._planning.suppose(record, now_ns, on_plan)
+            self._planning.suppose(unbegun, now_ns, on_plan)
         except CallError as error:
             answer(error)
 
@@ -118,35 +100,29 @@ class TaskExplainer:
             return record
         return msgspec.structs.replace(record, estimate=self._planning.forecast.of(record.task.id, now_ns))
 
-    def judge(
-        self, record: TaskRecord, now_ns: int, chosen: Sequence[str] = (), decision: TaskDecision | None = None
-    ) -> list[RobotVerdict]:
-        """Each robot's verdict on a task now: why it is excluded, or else the cost of the task by the plan.
-
-        Args:
-            record: of the task.
-            now_ns: the time.
-            chosen: the robots that get it.
-            decision: of the plan; None for the last one.
-
-        """
-        robots = [self._roster.robots[name] for name in sorted(self._roster.robots)]
-        others, refusal = self._others(record, now_ns), self._eligibility.refusal
-        if not self._planning.is_on:
-            first = next(iter(chosen), "")
-            return [*others, *verdicts(record, robots, lambda one, robot: refusal(one, robot, now_ns), first)]
-        judged = verdicts(record, robots, lambda one, robot: self._ruled_out(one, robot, now_ns))
-        decided_ns, decision = (now_ns, decision) if decision else self._planning.decision(record.task.id)
-        bids = {bid.robot: bid for bid in decision.bids} if decision is not None else {}
-        for one in judged:
-            bid = bids.get(one.robot)
-            if bid is not None and one.reason is None:
-                bid = self._planning.forecast.corrected(bid, to_seconds(now_ns - decided_ns))
-                one = msgspec.structs.replace(bid, distance_m=one.distance_m)
-            if chosen:
-                one = msgspec.structs.replace(one, chosen=one.robot in chosen)
-            others.append(one)
-        return others
+    def _judge(self, record: TaskRecord, now_ns: int, bids: Sequence[RobotVerdict]) -> list[RobotVerdict]:
+        """Each member's verdict on an open task: why it is excluded, or else the cost of the task by a plan of now."""
+        whose = _whose(record)
+        corrected = {bid.robot: self._planning.forecast.corrected(bid) for bid in bids}
+        judged = self._others(record, now_ns)
+        for name, robot in sorted(self._roster.robots.items()):
+            pose = None if robot.state is None else robot.state.pose
+            reason = None if name in whose else self._ruled_out(record, robot, now_ns)
+            if reason is None and pose is None:
+                reason = position_unknown()
+            one = corrected.get(name) if reason is None else None
+            one = one or RobotVerdict.judged(name, reason)
+            away_m = None if pose is None else round(pose.distance_m(record.task.place), 2)
+            judged.append(msgspec.structs.replace(one, distance_m=away_m))
+        if not whose:
+            return judged
+        judged += [RobotVerdict(robot=name) for name in sorted(whose - {one.robot for one in judged})]
+        return [
+            msgspec.structs.replace(one, chosen=True, refusal="", reason=None)
+            if one.robot in whose
+            else msgspec.structs.replace(one, chosen=False)
+            for one in judged
+        ]
 
     def dry_run(self, task: Task, by: str, now_ns: int, answer: Callable[[TaskDryRun | CallError], None]) -> None:
         """Answer the result of a task if it were submitted now; nothing is written or offered.
@@ -164,14 +140,14 @@ class TaskExplainer:
         before = self._planning.forecast.times
 
         def on_plan(supposed: Supposed) -> None:
-            plan, forecast, found = supposed.planned, self._planning.forecast, supposed.decision(task.id)
+            plan, forecast = supposed.planned, self._planning.forecast
             after = forecast.times_of(plan, [*self._book.open, record], now_ns)
             times = after.get(task.id)
             result = TaskDryRun(
                 task=task,
                 waits=cut(sentence_of(reason), TEXT_MAX),
-                reason=reason or (None if found is None or found.robots else found.reason),
-                robots=self.judge(record, now_ns, decision=found),
+                reason=reason or (None if plan is None else plan.left_out.get(task.id)),
+                robots=self._judge(record, now_ns, () if plan is None else plan.bids),
                 ahead=sum(one.task.priority >= task.priority for one in waiting),
                 estimate=None if times is None else forecast.estimate(task.id, times, now_ns),
                 delays=list(self._delays(before, after)) if plan is not None else [],
@@ -209,7 +185,7 @@ class TaskExplainer:
         )
 
     def _ruled_out(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
-        """As `Eligibility.refusal`, but a robot that does another task may do this one next."""
+        """Why a robot cannot get a task, whether or not it does another one now."""
         if missing := self._eligibility.lacks(record, robot):
             return lacks_plugins(missing)
         if (out := self._planning.exclusion(robot, now_ns)) is not None:
@@ -250,42 +226,7 @@ class TaskExplainer:
         return f"{text if is_named else text[:1].upper() + text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
-def verdicts(record: TaskRecord, robots: Sequence[Robot], refusal: Refusal, chosen: str = "") -> list[RobotVerdict]:
-    """Each robot's distance from a task, and whether it was chosen or why it is excluded."""
-    found = []
-    for robot in robots:
-        away_m = distance_m(record.task, robot)
-        is_chosen = robot.name == chosen
-        reason = None if is_chosen else refusal(record, robot)
-        if reason is None and away_m is None:
-            reason = position_unknown()
-        if reason is None and chosen and not is_chosen:
-            reason = plain("another_nearer", f"{chosen} is nearer", robot=chosen)
-        rounded_m = None if away_m is None else round(away_m, 2)
-        found.append(RobotVerdict.judged(robot.name, reason, chosen=is_chosen, distance_m=rounded_m))
-    return found
-
-
-def distance_m(task: Task, robot: Robot) -> float | None:
-    """Straight-line distance of a robot from a task; None if its pose is unknown."""
-    pose = robot.state.pose if robot.state is not None else None
-    return None if pose is None else pose.distance_m(task.place)
-
-
-def _as_it_went(record: TaskRecord, judged: list[RobotVerdict]) -> list[RobotVerdict]:
-    """The verdicts with the robot marked as chosen that has the task, or had it at its end.
-
-    That may be another than the last choice: a lost robot may have finished a task before it was reassigned.
-    """
+def _whose(record: TaskRecord) -> set[str]:
+    """The robots, or the mote, that have the task, or had it at its end."""
     team = record.result.get("robots")
-    whose = {record.robot.removeprefix(MEMBER_PREFIX)} if record.robot else set(team if isinstance(team, list) else ())
-    if not whose:
-        return judged
-    known = {one.robot for one in judged}
-    all_judged = [*judged, *(RobotVerdict(robot=name) for name in sorted(whose - known))]
-    return [
-        msgspec.structs.replace(one, chosen=True, refusal="", reason=None)
-        if one.robot in whose
-        else msgspec.structs.replace(one, chosen=False)
-        for one in all_judged
-    ]
+    return {record.robot.removeprefix(MEMBER_PREFIX)} if record.robot else set(team if isinstance(team, list) else ())

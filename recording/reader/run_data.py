@@ -14,7 +14,7 @@ from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteRe
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
+from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
@@ -254,7 +254,8 @@ class _Gather:
     def __init__(self, run: RunData) -> None:
         self.run = run
         self._happenings = Happenings()
-        self._decided: dict[str, TaskDecision] = {}
+        self._expected_j: dict[str, float] = {}
+        """Of the open tasks."""
         self._handlers: dict[type, Callable[[Any, float], None]] = {
             RobotState: self._handle_state,
             ArenaTruth: self._handle_truth,
@@ -263,7 +264,7 @@ class _Gather:
             MapPatch: self._handle_patch,
             MoteReading: self._handle_reading,
             TaskEvent: self._handle_task,
-            TaskDecision: self._handle_decision,
+            TaskEstimates: self._handle_estimates,
         }
 
     def handle(self, message: Any, t_s: float) -> None:
@@ -339,8 +340,8 @@ class _Gather:
         mote.t_s.append(t_s)
         mote.voltage_v.append(reading.voltage_v)
 
-    def _handle_decision(self, decision: TaskDecision, _t_s: float) -> None:
-        self._decided[decision.task] = decision
+    def _handle_estimates(self, estimates: TaskEstimates, _t_s: float) -> None:
+        self._expected_j = {one.task: one.energy_j for one in estimates.tasks}
 
     def _handle_task(self, event: TaskEvent, t_s: float) -> None:
         name = event.task.id
@@ -355,9 +356,7 @@ class _Gather:
         if event.state == "running" and event.robot and (not task.spans or task.spans[-1][2] is not None):
             task.spans.append((event.robot, t_s, None))
             task.started_s = t_s if task.started_s is None else task.started_s
-            decision = self._decided.get(name)
-            bids = decision.bids if decision is not None else ()
-            task.predicted_j = next((bid.energy_j for bid in bids if bid.robot == event.robot), task.predicted_j)
+            task.predicted_j = self._expected_j.get(name, task.predicted_j)
         if event.state.ended:
             task.ended_s = t_s
             spent = event.result.get("energy_j")

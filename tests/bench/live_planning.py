@@ -218,7 +218,7 @@ def team_situation(robots: int, tasks: int, seed: int = 0, number: int = 1) -> S
     )
     return Snapshot(
         number=number, now_ns=0, cause="bench", records=records, ended=frozenset(), members=members, pauses={},
-        served_s={}, floor=None, orders={}, published={},
+        served_s={}, floor=None, orders={},
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Messages about plans: decisions, the problems behind them, charges, and the objective.
+"""Messages about plans: estimates, the problems behind plans, charges, and the objective.
 
 As in `messages`: JSON, unknown fields ignored, new fields with defaults.
 """
@@ -10,34 +10,16 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskEstimate
+from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Name, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.reasons import PlainReason, PlanReason
+from robrain.protocol.reasons import PlainReason
 from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 Most = Meta(max_length=100_000)
 """Of lists with an entry for each robot, charger or task."""
 Routes = Annotated[tuple[tuple[Name, Annotated[tuple[Name, ...], Most]], ...], Most]
-
-
-class TaskDecision(Message, frozen=True, kw_only=True):
-    """A plan's decision about one task; sent when the decision changes."""
-
-    task: Name
-    plan: Count
-    """Number of the plan, as in `PlanProblem`."""
-    robots: Annotated[tuple[Name, ...], Most] = ()
-    """Robots that are to do it; empty if none."""
-    start_in_s: Quantity | None = None
-    """Planned start, seconds after the plan was made."""
-    why: Text = ""
-    """Why these robots, or why none, in words."""
-    reason: PlanReason | None = None
-    """The same as a value."""
-    bids: Annotated[tuple[RobotVerdict, ...], Most] = ()
-    """By robot name: the cost on top of the rest of its route, or the reason of its exclusion."""
 
 
 class TaskEstimates(Message, frozen=True, kw_only=True):
@@ -139,9 +121,6 @@ class PlanningStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Robots that charge, with charger and time."""
 
 
-TASK_DECISION = Topic(
-    "task/decision", "Robots that the plan gives a task to, the costs of each robot, and the reason", TaskDecision,
-    delivery=Delivery.LOSSLESS, cache=256, recorded=True)  # fmt: skip
 TASK_ESTIMATES = Topic(
     "task/estimates", "When each open task is expected to begin and end, and its energy", TaskEstimates,
     delivery=Delivery.LOSSLESS, recorded=True, max_bytes=8_388_608)  # fmt: skip

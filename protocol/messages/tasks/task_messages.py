@@ -332,7 +332,7 @@ def _shown(value: object) -> str:
 
 
 PLAN_S = 10.0
-"""Timeout of queries that are answered by a plan of their own."""
+"""Timeout of queries for whose answer a plan is made."""
 
 
 def _task_query(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:

@@ -9,25 +9,28 @@ from robrain.algorithms.allocation.explain import explain
 from robrain.algorithms.allocation.plan import make_plan
 from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
-from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, lacks_plugins
+from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, Refused, lacks_plugins, no_path
 from tests.algorithms.allocation.test_allocators import problems
 from tests.algorithms.allocation.test_validate import job, line, worker
 from tests.plain_reason import Plain
 
 
-def only_decision(problem):
+def only_bids(problem):
+    """The reason of the only job, if it is left out, and the bids for it."""
     plan = AuctionAllocator().plan(problem)
     assert validate(problem, plan) == []
-    (decision,) = explain(problem, plan)
-    return decision
+    return next((one.reason for one in plan.unassigned), None), explain(problem, plan, problem.jobs[0].id)
+
+
+def chosen(bids):
+    return [bid.robot for bid in bids if bid.chosen]
 
 
 def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
-    decision = only_decision(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
-    assert decision.robots == ("r2",)
-    assert [bid.energy_j for bid in decision.bids] == [2.0, 1.0, 1.0]
-    assert [bid.arrives_in_s for bid in decision.bids] == [2.0, 1.0, 1.0]
-    assert decision.reason == Plain("cheapest", robots=("r2",), next_j=3.0)
+    _, bids = only_bids(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
+    assert chosen(bids) == ["r2"]
+    assert [bid.energy_j for bid in bids] == [2.0, 1.0, 1.0]
+    assert [bid.arrives_in_s for bid in bids] == [2.0, 1.0, 1.0]
 
 
 def test_each_reason_to_be_out_is_told():
@@ -39,43 +42,40 @@ def test_each_reason_to_be_out_is_told():
     late = worker("late", ready_s=118.0, offers=frozenset({"camera"}))
     poor = worker("poor", usable_j=3.0, offers=frozenset({"camera"}))
     good = worker("good", offers=frozenset({"camera"}))
-    decision = only_decision(
-        line([job("a", 2, needs=frozenset({"camera"}), latest_s=100.0)], [low, bare, late, poor, good])
-    )
-    assert decision.robots == ("good",)
-    assert [bid.reason for bid in decision.bids] == [
+    _, bids = only_bids(line([job("a", 2, needs=frozenset({"camera"}), latest_s=100.0)], [low, bare, late, poor, good]))
+    assert chosen(bids) == ["good"]
+    assert [bid.reason for bid in bids] == [
         BelowReserve(left=0.03, reserve=0.15),
         lacks_plugins(("camera",)),
         Plain("too_late", start_s=120.0, latest_s=100.0),
         LacksEnergy(missing_j=1.0),
         None,
     ]
-    assert decision.reason == Plain("only_these", robots=("good",))
 
 
 def test_job_that_nobody_does_says_why_for_each_robot():
-    decision = only_decision(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
-    assert decision.robots == ()
-    assert decision.reason == NearestOut("r2", LacksEnergy(missing_j=2.0))
-    assert [bid.reason for bid in decision.bids] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
+    reason, bids = only_bids(line([job("a", 5)], [worker("r1", usable_j=4.0), worker("r2", usable_j=8.0)]))
+    assert chosen(bids) == []
+    assert reason == NearestOut("r2", LacksEnergy(missing_j=2.0))
+    assert [bid.reason for bid in bids] == [LacksEnergy(missing_j=6.0), LacksEnergy(missing_j=2.0)]
 
 
 def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_from_it():
     jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}), ready_only=True)]
     camera = frozenset({"camera"})
-    decision = only_decision(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
-    assert decision.reason == Plain("nobody_allowed")
-    assert [bid.reason for bid in decision.bids] == [Plain("forbidden"), Plain("not_ready")]
-    decision = only_decision(line(jobs, [worker("r1"), worker("r3")]))
-    assert decision.reason == Plain("nobody_has", plugins=("camera",))
+    reason, bids = only_bids(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
+    assert reason == Plain("nobody_allowed")
+    assert [bid.reason for bid in bids] == [Plain("forbidden"), Plain("not_ready")]
+    reason, _ = only_bids(line(jobs, [worker("r1"), worker("r3")]))
+    assert reason == Plain("nobody_has", plugins=("camera",))
 
 
 def test_job_without_a_way_says_so():
     ways = np.full((1, 3, 3), 1.0)
     ways[0, :, 2] = ways[0, 2, :] = np.inf
-    decision = only_decision(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
-    assert decision.robots == ()
-    assert [bid.reason for bid in decision.bids] == [Plain("no_way_and_back")]
+    _, bids = only_bids(Problem(jobs=(job("a", 2),), workers=(worker("r1"),), energy_j=ways, time_s=ways))
+    assert chosen(bids) == []
+    assert [bid.reason for bid in bids] == [Plain("no_way_and_back")]
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,7 @@ def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(
         [job("a", 5, latest_s=5.0), job("b", 1, service_s=2.0, latest_s=latest_s)], [worker("r1")], horizon_s=horizon_s
     )
     plan = make_plan(problem, [["a"]], Objective.ENERGY)
-    (decision,) = explain(problem, plan, ["b"])
-    assert decision.bids[0].reason == why
+    assert explain(problem, plan, "b")[0].reason == why
 
 
 @pytest.mark.parametrize(
@@ -107,27 +106,29 @@ def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(
 def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
     problem = line([job("a", 1, service_s=1.0), job("b", 4, service_s=service_s)], [worker("r1")], horizon_s=10.0)
     plan = make_plan(problem, [["a"]], Objective.ENERGY)
-    (decision,) = explain(problem, plan, ["b"])
-    assert decision.bids[0].reason == why
+    assert explain(problem, plan, "b")[0].reason == why
 
 
-def test_job_that_a_robot_is_at_stays_with_it():
-    decision = only_decision(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)]))
-    assert (decision.robots, decision.reason) == (("r2",), Plain("is_at_it", robot="r2"))
+def test_job_that_a_robot_is_at_has_no_bids():
+    assert only_bids(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)])) == (None, ())
+
+
+def test_robot_that_must_not_be_asked_says_why():
+    problem = line([job("a", 2)], [worker("r1"), worker("r2")])
+    plan = make_plan(problem, [["a"], []], Objective.ENERGY)
+    first, second = explain(problem, plan, "a", {("a", "r2"): Refused(no_path())})
+    assert (first.chosen, first.reason) == (True, None)
+    assert (second.chosen, second.reason, second.energy_j) == (False, Refused(no_path()), None)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(problem=problems())
 def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
     plan = AuctionAllocator().plan(problem)
-    for decision in explain(problem, plan):
-        for bid in decision.bids:
+    for one in problem.jobs:
+        for bid in explain(problem, plan, one.id):
             assert (bid.energy_j is None) == (bid.reason is not None)
-            assert problem.jobs[problem.job_index[decision.task]].robots > 1 or not (
-                bid.robot in decision.robots and bid.reason
-            ), (decision, plan)
-        if not decision.robots:
-            assert decision.reason is not None
+            assert one.robots > 1 or not (bid.chosen and bid.reason), (bid, plan)
 
 
 def test_a_robot_that_waits_for_another_is_explained_with_the_wait_of_the_plan():
@@ -142,5 +143,6 @@ def test_a_robot_that_waits_for_another_is_explained_with_the_wait_of_the_plan()
     arm = worker("arm", start=1, ready_s=5.0, usable_j=10.0, offers=frozenset({"arm"}))
     waits = worker("waits", wait_w=1.0, usable_j=8.5, offers=camera)
     problem = line(jobs, [arm, waits])
-    for decision in explain(problem, AuctionAllocator().plan(problem)):
-        assert all(bid.reason is None for bid in decision.bids if bid.robot in decision.robots)
+    plan = AuctionAllocator().plan(problem)
+    for one in jobs:
+        assert all(bid.reason is None for bid in explain(problem, plan, one.id) if bid.chosen)

@@ -1,7 +1,5 @@
 """Teams with fewer chargers than robots: who charges when, what waits for it, and what is told of it."""
 
-import math
-
 import msgspec
 import pytest
 
@@ -257,31 +255,6 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
     run(team, workers, 5.0)
     assert any("reserve" in event.why for event in team.heard if event.task.id == "long")
     assert bool(charges_of(workers[0])) is charges
-
-
-# -- what it will take ----------------------------------------------------------------------------------------------
-
-
-def test_what_exploring_and_charging_will_take_is_told_before_it_is_done(team):
-    ears = Inbox(1000, every=True)
-    team.endpoint().subscribe(ears, plan_messages.TASK_DECISION)
-    robot = team.robot("r1", 5.0)
-    robot.plugins, robot.chargers = ["explore", "recharge"], [Point2D(7.0, 4.0)]
-    worker = Worker(robot, remaining_j=0.9 * CAPACITY_J)
-    team.hall()
-    run(team, [worker], 0.5)
-    (told,) = (received.message for received in ears.drain())
-    goal = robot.goal
-    away_m = math.hypot(goal.x_m - 5.0, goal.y_m - 4.0)
-    assert (told.task, told.robots, told.bids[0].chosen) == (robot.offers[0].task.id, ("r1",), True)
-    assert 20.0 * away_m < told.bids[0].energy_j < 1.5 * (20.0 + 16.0) * away_m
-    robot.plugins = ["recharge"]
-    worker.remaining_j = 0.2 * CAPACITY_J
-    robot.end(TaskState.DONE)
-    run(team, [worker], 2.0)
-    charge = [received.message for received in ears.drain()][-1]
-    assert charge.task == charges_of(worker)[0].id
-    assert charge.bids[0].energy_j > 0.0
 
 
 # -- who knows chargers ---------------------------------------------------------------------------------------------

@@ -24,5 +24,5 @@ def open_floor_snapshot(number: int, tasks: int, robots: int = 2) -> Snapshot:
     }
     return Snapshot(
         number=number, now_ns=0, cause="test", records=records, ended=frozenset(), members=members, pauses={},
-        served_s={}, floor=None, orders={}, published={},
+        served_s={}, floor=None, orders={},
     )  # fmt: skip

@@ -13,7 +13,7 @@ from robrain.coordinator.planning.problem_codec import decode
 from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.tasks.plan_messages import TASK_DECISION, TASK_PROBLEM
+from robrain.protocol.messages.tasks.plan_messages import TASK_PROBLEM
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
@@ -59,15 +59,12 @@ class Watch:
     def __init__(self, team, workers):
         self.team, self.workers = team, workers
         self.inbox = Inbox(100_000, every=True)
-        ears = team.endpoint()
-        ears.subscribe(self.inbox, TASK_PROBLEM)
-        ears.subscribe(self.inbox, TASK_DECISION)
+        team.endpoint().subscribe(self.inbox, TASK_PROBLEM)
         self.plans = 0
 
     def check(self):
         for received in self.inbox.drain():
-            if received.topic is TASK_PROBLEM:
-                self.check_plan(received.message)
+            self.check_plan(received.message)
         records = self.team.coordinator.tasks.open
         bound = [record.robot for record in records if record.robot]
         assert len(bound) == len(set(bound))

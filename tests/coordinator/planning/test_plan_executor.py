@@ -45,10 +45,6 @@ class Plan:
     def exclusion(self, _robot: object, _now_ns: int) -> None:
         """No robot is excluded."""
 
-    def decision(self, _task_id: str) -> tuple[int, None]:
-        """No decision was made."""
-        return 0, None
-
     def begun(self, task_id: str, robot: str) -> None:
         self.taken.append((task_id, robot))
 
@@ -111,10 +107,7 @@ def test_what_is_due_is_offered_and_the_plan_is_told_that_it_was_taken(office):
     office.robot("r1")
     office.add("t1")
     office.plan.offers = [Due("t1", "r1", "")]
-    decided = []
-    office.explanation.record_decision = lambda *decision: decided.append(decision)
     assert not office.step(0)
-    assert decided == [("t1", ["r1"], 0)]
     assert office.offered == [("t1", "r1", "")]
     assert office.state("t1") is TaskState.OFFERED
     assert office.plan.taken == [("t1", "r1")]

@@ -2,11 +2,9 @@
 
 import msgspec
 import numpy as np
-import pytest
 
 from robrain.algorithms.allocation.plan import Unassigned, make_plan
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
-from robrain.coordinator.planning import plan_in_force as planned_module
 from robrain.coordinator.planning.plan_in_force import PlannedStep, planned
 from robrain.coordinator.planning.problem_builder import BuiltProblem
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
@@ -66,7 +64,6 @@ def test_what_a_robot_is_at_comes_first_and_is_not_planned_again():
     begun = PlannedStep("a", ns(0.0), 1.0, ns(1.0), 5.0, 1.0, has_begun=True)
     assert made.steps == {"r0": (begun, PlannedStep("b", ns(6.0), 1.0, ns(7.0), 0.0, 1.0))}
     assert made.orders == {"r0": ("b",)}
-    assert [decision.task for decision in made.decisions] == ["b"]
 
 
 def test_what_nobody_does_is_left_out_with_its_reason_but_not_what_is_begun():
@@ -74,37 +71,9 @@ def test_what_nobody_does_is_left_out_with_its_reason_but_not_what_is_begun():
     assert made.left_out == {"a": plain("no_robots", "words")}
 
 
-def test_a_decision_is_told_with_every_robots_bid():
-    made = plan_of([["a"], []], job("a", 3, earliest_s=7.12345))
-    [decision] = made.decisions
-    assert (decision.task, decision.plan, decision.robots, decision.start_in_s) == ("a", 7, ("r0",), 7.12)
-    assert [(bid.robot, bid.chosen, bid.refusal) for bid in decision.bids] == [("r0", True, ""), ("r1", False, "")]
-    assert [(bid.energy_j, bid.arrives_in_s) for bid in decision.bids] == [(3.0, 3.0), (3.0, 5.0)]
-
-
-def test_a_robot_that_may_not_be_asked_says_why_and_bids_nothing():
-    made = plan_of([["a"], []], job("a", 3), pauses={("a", "r1"): Refused(no_path())})
-    [_, bid] = made.decisions[0].bids
-    assert (bid.robot, bid.chosen, bid.energy_j, bid.arrives_in_s) == ("r1", False, None, None)
-    assert (bid.reason, bid.refusal) == (Refused(no_path()), "refused: no way there")
-
-
-def test_a_decision_of_nobody_has_no_time():
-    [decision] = plan_of([[]], job("a", 3)).decisions
-    assert (decision.robots, decision.start_in_s) == ((), None)
-
-
-def test_only_what_is_decided_anew_is_told_first_what_begins_first():
-    jobs = [job("a", 1), job("b", 2), job("c", 3), job("d", 4)]
-    made = plan_of([["c", "b", "a"]], *jobs, published={"a": ("r0",), "b": ("r9",)})
-    assert [decision.task for decision in made.decisions] == ["c", "b", "d"]
-
-
-@pytest.mark.parametrize(("most", "told"), [(1, 1), (3, 1), (4, 2), (6, 3), (100, 4)])
-def test_the_next_decisions_of_each_route_are_published_while_their_bids_do_not_last_too_long(monkeypatch, most, told):
-    monkeypatch.setattr(planned_module, "BIDS_MAX", most)
-    jobs = [job(name, index) for index, name in enumerate("abcde")]
-    made = plan_of([["a", "b", "c"], ["e", "d"]], *jobs)
-    assert [decision.task for decision in made.decisions] == ["a", "b", "e", "d"][:told]
-    (asked,) = plan_of([["a", "b", "c"], ["e", "d"]], *jobs, only="c").decisions
-    assert (asked.task, asked.robots) == ("c", ("r0",))
+def test_costs_of_a_task_are_there_if_they_are_asked_for():
+    tasks = job("a", 3), job("b", 2)
+    assert plan_of([["a", "b"], []], *tasks).bids == ()
+    first, second = plan_of([["a", "b"], []], *tasks, only="a", pauses={("a", "r1"): Refused(no_path())}).bids
+    assert (first.robot, first.chosen, first.energy_j, first.arrives_in_s) == ("r0", True, 3.0, 3.0)
+    assert (second.robot, second.chosen, second.reason) == ("r1", False, Refused(no_path()))

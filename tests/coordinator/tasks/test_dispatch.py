@@ -1,16 +1,14 @@
 """Who gets which task when nobody plans."""
 
 from robrain.coordinator.planning.plan_executor import dispatch
-from robrain.coordinator.planning.task_explanation import verdicts
 from robrain.coordinator.tasks.eligibility import FIRST_PAUSE_S, LONGEST_PAUSE_S, TaskPauses
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Refused, RobotReason, halted, lacks_plugins, no_path, position_unknown
-from tests.plain_reason import Plain
+from robrain.protocol.reasons import Refused, RobotReason, halted, lacks_plugins, no_path
 
 
 def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:
@@ -28,7 +26,7 @@ def free(_task, _robot) -> None:
     return None
 
 
-def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
+def test_the_nearest_able_robot_gets_the_task() -> None:
     robots = [robot("r1", 0.0), robot("r2", 4.0), robot("r3", None), robot("r4", 4.5)]
     wanted = task("t1", 5.0)
 
@@ -36,15 +34,6 @@ def test_the_nearest_robot_gets_the_task_and_the_others_hear_why_not() -> None:
         return lacks_plugins(("camera",)) if one.name == "r4" else None
 
     assert dispatch([wanted], robots, refusal) == [("t1", "r2")]
-    assert verdicts(wanted, robots, refusal, "r2") == [
-        RobotVerdict(robot="r1", refusal="r2 is nearer", reason=Plain("another_nearer", robot="r2"), distance_m=5.0),
-        RobotVerdict(robot="r2", chosen=True, distance_m=1.0),
-        RobotVerdict(robot="r3", refusal="does not know where it is", reason=position_unknown()),
-        RobotVerdict(robot="r4", refusal="has no camera", reason=lacks_plugins(("camera",)), distance_m=0.5),
-    ]
-    assert [verdict.reason for verdict in verdicts(wanted, robots, refusal)] == [
-        None, None, position_unknown(), lacks_plugins(('camera',)),
-    ]  # fmt: skip
 
 
 def test_priority_goes_before_deadline_and_deadline_before_age() -> None:

@@ -227,8 +227,7 @@ def test_why_a_task_is_done_names_the_robot_that_did_it_and_not_the_one_that_was
     team.run(1.0)
     found = team.ask(TASK_EXPLAIN, TaskRequest(id="t1"), TaskExplanation)
     assert (found.record.state, found.record.robot) == (TaskState.DONE, "r1")
-    assert [(verdict.robot, verdict.chosen) for verdict in found.robots] == [("r1", True), ("r2", False)]
-    assert found.robots[0].refusal == ""
+    assert [(verdict.robot, verdict.chosen, verdict.refusal) for verdict in found.robots] == [("r1", True, "")]
 
 
 # -- the disk ---------------------------------------------------------------------------------------------------

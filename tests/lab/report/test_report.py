@@ -18,8 +18,8 @@ from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
+from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -299,10 +299,11 @@ def test_halts_failed_tasks_and_errors_are_told() -> None:
 
 def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_took(tmp_path: Path) -> None:
     task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
-    bids = (RobotVerdict(robot="r1", energy_j=90.0), RobotVerdict(robot="r2", energy_j=120.0, chosen=True))
+    times = dict.fromkeys(("starts_in_s", "arrives_in_s", "ends_in_s", "ends_low_s", "ends_high_s"), 1.0)
+    estimates = TaskEstimates(tasks=(TaskEstimate(task="t1", robot="r2", energy_j=120.0, **times),))
     said: list[tuple[str, float, msgspec.Struct]] = [
         ("task/event/t1", 0.0, TaskEvent(task=task, state=TaskState.QUEUED)),
-        ("task/decision", 0.1, TaskDecision(task="t1", plan=1, robots=("r2",), bids=bids)),
+        ("task/estimates", 0.1, estimates),
         ("task/event/t1", 0.2, TaskEvent(task=task, state=TaskState.RUNNING, robot="r2")),
         ("task/event/t1", 8.0, TaskEvent(task=task, state=TaskState.DONE, robot="r2", result={"energy_j": 131.5})),
     ]

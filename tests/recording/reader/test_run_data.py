@@ -15,8 +15,8 @@ from robrain.lab.report.report import totals
 from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskDecision
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
+from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
+from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
@@ -226,20 +226,21 @@ def test_a_task_that_several_robots_do_at_once_has_no_span_of_its_own(path: Path
     assert (task.spans, task.started_s, task.ended_s) == ([], None, 5.0)
 
 
-def test_what_was_predicted_is_of_the_last_plan_before_it_began(path: Path) -> None:
-    def decision(t_s: float, *energies: tuple[str, float]) -> tuple[str, float, msgspec.Struct]:
-        bids = tuple(RobotVerdict(robot=robot, energy_j=energy_j) for robot, energy_j in energies)
-        return key("task/decision"), t_s, TaskDecision(task="t1", plan=1, robots=(), bids=bids)
+def test_what_was_predicted_is_the_last_estimate_before_it_began(path: Path) -> None:
+    def estimate(t_s: float, energy_j: float) -> tuple[str, float, msgspec.Struct]:
+        times = dict.fromkeys(("starts_in_s", "arrives_in_s", "ends_in_s", "ends_low_s", "ends_high_s"), 1.0)
+        one = TaskEstimate(task="t1", robot="r1", energy_j=energy_j, **times)
+        return key("task/estimates"), t_s, TaskEstimates(tasks=(one,))
 
     said = [
-        decision(0.0, ("r1", 10.0)),
-        decision(1.0, ("r2", 15.0), ("r1", 20.0)),
+        estimate(0.0, 10.0),
+        estimate(1.0, 20.0),
         *events((2.0, TaskState.RUNNING, {"robot": "r1"})),
-        decision(3.0, ("r1", 30.0)),
-        *events((4.0, TaskState.RUNNING, {"robot": "r9"}), (5.0, TaskState.DONE, {"robot": "r9"})),
+        estimate(3.0, 30.0),
+        *events((5.0, TaskState.DONE, {"robot": "r1"})),
     ]
     [task] = gathered(path, said).tasks.values()
-    assert task.predicted_j == 20.0  # nothing was told of the robot that took it over
+    assert task.predicted_j == 20.0
 
 
 @pytest.mark.parametrize("told", [{}, {"energy_j": "much"}, {"energy_j": None}])

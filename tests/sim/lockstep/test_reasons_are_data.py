@@ -9,7 +9,7 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
-from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_CHARGES, TASK_DECISION, TASK_PROBLEM
+from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_CHARGES, TASK_ESTIMATES, TASK_PROBLEM
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
@@ -25,7 +25,7 @@ from tests.random_words import MEANINGLESS, MISLEADING, speak_at_random, wordles
 
 PLACES = ((1.0, 1.0), (7.0, 1.0), (4.2, 3.0), (7.2, 3.4), (3.4, 5.2), (1.2, 5.0))
 EXPLORED_S, END_S = 8.0, 28.0
-HEARD = (TASK_EVENT, TASK_DECISION, TASK_PROBLEM, COORDINATOR_CHARGES, COORDINATOR_STATE, ROBOT_STATE, ROBOT_PATH)
+HEARD = (TASK_EVENT, TASK_ESTIMATES, TASK_PROBLEM, COORDINATOR_CHARGES, COORDINATOR_STATE, ROBOT_STATE, ROBOT_PATH)
 SEED = 3
 
 

@@ -108,7 +108,7 @@ ATTACKS = [
     Attack("summary of the team, by a robot", "robot r2", put, f"{T}/coordinator/state"),
     Attack("summary of the team, by a dashboard", "dashboard hall", put, f"{T}/coordinator/state"),
     Attack("task events, by a robot", "robot r2", put, f"{T}/task/event"),
-    Attack("decisions, by an operator", "operator ann", put, f"{T}/task/decision"),
+    Attack("estimates, by an operator", "operator ann", put, f"{T}/task/estimates"),
     Attack("duty of a mote, by a robot", "robot r2", put, f"{T}/mote/1/duty"),
     Attack("journal, by a robot", "robot r2", put, f"{T}/coordinator/journal"),
     Attack("journal, by an operator", "operator ann", put, f"{T}/coordinator/journal"),
