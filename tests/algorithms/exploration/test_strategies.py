@@ -55,7 +55,7 @@ def goals(choices) -> dict[str, Point2D]:
 def test_the_nearest_frontier_goes_to_the_first_robot_that_it_is_nearest_to() -> None:
     made = nearest(on_a_line([A, B, C], [R1, R2], paths_m=PATHS_M))
     assert goals(made) == {"r1": A.place, "r2": B.place}
-    assert [choice.path_m for choice in made] == [1.0, 3.0]
+    assert [choice.cost_m for choice in made] == [1.0, 3.0]
 
 
 def test_the_nearest_frontier_is_none_that_is_taken_or_shunned_or_out_of_reach() -> None:
@@ -98,7 +98,7 @@ def test_no_stock_strategy_gives_two_robots_a_frontier_or_one_without_a_path(
     seekers = [Seeker(f"r{row}", Point2D(0.0, float(row))) for row in range(len(ways))]
     made = STOCK[name](on_a_line([A, B, C], seekers, paths_m=np.array(ways)))
     assert len({choice.place for choice in made}) == len({choice.robot for choice in made}) == len(made)
-    assert all(math.isfinite(choice.path_m) for choice in made)
+    assert all(math.isfinite(choice.cost_m) for choice in made)
 
 
 @pytest.mark.parametrize("name", sorted(STOCK))
