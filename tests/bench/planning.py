@@ -1,7 +1,7 @@
 """Planning: what a team takes for a dozen tasks that are planned, against nearest first, with real robots in lockstep.
 
-The team first explores the floor, the same for both; then the tasks come all at once. `SEEDS` of them; each is another
-set of tasks. `python -m tests.bench.planning`.
+The team first explores the floor, the same for both. Then it stops exploring, and the tasks come all at once. `SEEDS`
+of them; each is another set of tasks. `python -m tests.bench.planning`.
 """
 
 import statistics
@@ -9,9 +9,11 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from rich.console import Console
 
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
 from robrain.protocol.model.geometry import Point2D
@@ -28,6 +30,8 @@ SEEDS = (1, 2, 3)
 EXPLORED = 0.93
 EXPLORE_LIMIT_S = 120.0
 LONGEST_S = 600.0
+SETTLE_S = 10.0
+"""For robots that were exploring: what idle robots explore is no cost of the tasks."""
 CLEARANCE_M = 0.5
 STANDING_W = 8.0
 """What each robot draws whatever it does; no plan changes that, but a short one ends it sooner."""
@@ -92,6 +96,8 @@ def run_tasks(seed: int, policy: PlanningPolicy, floor: str = FLOOR, record: Pat
         run = team.transport.run
         while run.explored_fraction < EXPLORED and run.sim_time_s < EXPLORE_LIMIT_S:
             run.tick()
+        run.coordinator.set_policy(msgspec.structs.replace(policy, exploration=NO_EXPLORATION))
+        team.run_for(SETTLE_S)
         places = known_places(run, np.random.default_rng([seed, 77]), 3 * TASKS, 1.0)[:TASKS]
         begun_s = run.sim_time_s
         energy_j, distance_m = _spent(run)

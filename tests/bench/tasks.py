@@ -112,7 +112,7 @@ def _steps() -> list[Figure]:
         for _ in range(20):
             clock.advance_to(clock.now_ns() + to_ns(STEP_S))
             steps.append(_spent_ms(step))
-        decide_ms = median(_spent_ms(lambda: lifecycle.dispatch([], clock.now_ns())) for _ in range(10))
+        decide_ms = median(_spent_ms(lambda: lifecycle.publish_unfit(clock.now_ns())) for _ in range(10))
         wire.close()
     step_ms = median(steps)
     team = f"{TASKS} tasks, {ROBOTS} robots"
