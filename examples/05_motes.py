@@ -15,11 +15,12 @@ with Scenario.builtin("arena_small").replace(robots=2, motes=6).team(seed=4) as 
     team.submit("sense", id="light", place=places["m1"], parameters={"quantity": "light_lx"})
     rounds = {"duration_s": 20.0, "interval_s": 2.0, "quantity": "temperature_c"}
     team.submit("monitor", id="watch", place=places["m2"], parameters=rounds)
-    for record in team.wait_all(["mule", "warmth", "light", "watch"]):
-        print(f"{record.task.id}: {record.state} by {record.robot}: {record.result}")
 
     for task in ("warmth", "light"):
-        print(f"who is to do {task}?")
+        print(f"who could do {task}?")
         for verdict in team.why(task).robots:
             if verdict.reason is None or verdict.reason.code != "far_from_place":
-                print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.refusal}")
+                print(f"  {verdict.robot}: {'chosen' if verdict.chosen else verdict.refusal or 'costs more'}")
+
+    for record in team.wait_all(["mule", "warmth", "light", "watch"]):
+        print(f"{record.task.id}: {record.state} by {record.robot}: {record.result}")

@@ -12,13 +12,15 @@ def work(objective: Objective) -> None:
     with scenario.team(seed=6) as team:
         team.run_for(40.0)  # explore the floor first
         began_s = team.now_s
-        records = team.wait_all([team.submit("visit", place=place, service_s=4.0) for place in PLACES])
+        tasks = [team.submit("visit", place=place, service_s=4.0) for place in PLACES]
+        verdicts = team.why(tasks[-1]).robots
+        records = team.wait_all(tasks)
         energy_j = sum(record.result["energy_j"] for record in records)
         busy = {robot: sum(record.robot == robot for record in records) for robot in team.robots}
         print(f"{objective}: {energy_j:.0f} J, {team.now_s - began_s:.0f} s, tasks of each {busy}")
-        for verdict in team.why("visit-6").robots:
+        for verdict in verdicts:
             figures = "" if verdict.energy_j is None else f" {verdict.energy_j:.0f} J"
-            did = "did it" if verdict.robot == records[-1].robot else verdict.refusal
+            did = "did it" if verdict.robot == records[-1].robot else ""
             print(f"  visit-6 to {verdict.robot}:{figures} {did}")
 
 

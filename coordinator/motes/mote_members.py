@@ -332,8 +332,10 @@ class MoteMembers(CoordinatorPart):
         return judged, self.table.motes[best] if is_mote and best is not None else None
 
     def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
-        """How each mote stands to a task that a robot does or is to do; none for tasks that are not for motes."""
-        judged, _ = self.judge(record, now_ns)
+        """Verdicts of motes on a task, and those of robots too if a mote is to do it; none for tasks not for motes."""
+        judged, mote = self.judge(record, now_ns)
+        if mote is not None:
+            return judged
         return [msgspec.structs.replace(one, chosen=False) for one in judged if one.robot in self.table.motes]
 
     def _candidates(self, record: TaskRecord, wanted: Sense | Monitor) -> list[KnownMote]:

@@ -104,13 +104,14 @@ class TaskExplainer:
         """Each member's verdict on an open task: why it is excluded, or else the cost of the task by a plan of now."""
         whose = _whose(record)
         corrected = {bid.robot: self._planning.forecast.corrected(bid) for bid in bids}
-        judged = self._others(record, now_ns)
+        others = {one.robot: one for one in self._others(record, now_ns)}
+        judged = [one for name, one in others.items() if name not in self._roster.robots]
         for name, robot in sorted(self._roster.robots.items()):
             pose = None if robot.state is None else robot.state.pose
             reason = None if name in whose else self._ruled_out(record, robot, now_ns)
             if reason is None and pose is None:
                 reason = position_unknown()
-            one = corrected.get(name) if reason is None else None
+            one = others.get(name, corrected.get(name)) if reason is None else None
             one = one or RobotVerdict.judged(name, reason)
             away_m = None if pose is None else round(pose.distance_m(record.task.place), 2)
             judged.append(msgspec.structs.replace(one, distance_m=away_m))

@@ -30,9 +30,10 @@ def flatten(team, name):
 def test_reading_is_brought_by_the_mote_that_is_there_for_less_than_a_robot_would_take(team):
     distance_m = sum(robot.distance_m for robot in team.transport.run.truth.robots)
     team.submit("sense", id="warm", place=places(team)["m1"])
+    verdicts = {one.robot: one for one in team.why("warm").robots}
+    assert [name for name, one in verdicts.items() if one.chosen] == ["m1"]
     record = team.wait("warm", timeout_s=30.0)
     assert (record.state, record.robot) == (TaskState.DONE, "mote:m1")
-    verdicts = {one.robot: one for one in team.why("warm").robots}
     assert record.result["energy_j"] < 0.01 * min(verdicts[name].energy_j for name in ("r1", "r2"))
     assert sum(robot.distance_m for robot in team.transport.run.truth.robots) < distance_m + 20.0
 
