@@ -18,12 +18,12 @@ from robrain.coordinator.parts.charge_schedule import (
     is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR, SOC_LEAST, capacity_j, profile_of
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.planning.snapshot_builder import is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.team.chargers import Charger
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus

@@ -37,7 +37,7 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
 
     problem: PlanProblem
     steps: dict[str, tuple[PlannedStep, ...]]
-    """Of each robot, those that it was doing first."""
+    """Tasks of each robot, running ones first."""
     left_out: dict[str, PlanReason]
     """Tasks that no robot does, and why."""
     waiting: dict[str, TaskReason]

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import PLENTY_J, capacity_j, profile_of
 from robrain.coordinator.planning.forecast import Forecast
 from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
@@ -29,6 +28,7 @@ from robrain.coordinator.planning.snapshot_builder import (
 )
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
@@ -250,7 +250,7 @@ class Planning:
             if self._cause and now_ns >= self._not_before_ns:
                 self._ask(now_ns)
             if self._suppositions:
-                self._follow_supposed()
+                self._answer_suppositions()
             has_plan = self._follow_finished(now_ns)
         if has_plan or now_ns >= self._forecast_ns:
             self._forecast_ns = now_ns + FORECAST_NS
@@ -354,9 +354,9 @@ class Planning:
         snapshot = self._snapshot([*others, record], members, pauses, f"what if {record.task.id}", now_ns)
         absent = {name: robot for name, robot in self._builder.absent().items() if name not in members}
         self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
-        self._follow_supposed()
+        self._answer_suppositions()
 
-    def _follow_supposed(self) -> None:
+    def _answer_suppositions(self) -> None:
         for one in self._planner.supposed():
             on_plan = self._suppositions.pop(one.number, None)
             if on_plan is not None:

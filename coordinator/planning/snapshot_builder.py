@@ -6,10 +6,10 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 
-from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.energy_budget import when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds

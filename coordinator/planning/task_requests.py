@@ -7,10 +7,10 @@ from typing import Protocol
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.planning.chargers import KnownChargers
 from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.admission import impossibility, unknown_names
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (

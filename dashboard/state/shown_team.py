@@ -90,9 +90,9 @@ class TaskBoard:
             while len(self.open) > OPEN_TASKS:
                 del self.open[next(iter(self.open))]
         self.newest_ns = max(self.newest_ns, event.stamp_ns)
-        self._follow(event)
+        self._add_to_span(event)
 
-    def _follow(self, event: TaskEvent) -> None:
+    def _add_to_span(self, event: TaskEvent) -> None:
         task, running = event.task.id, event.state in (TaskState.RUNNING, TaskState.LOST_CONTACT)
         robot, span = self._running.get(task, ("", None))
         if span is not None and not (running and robot == event.robot):

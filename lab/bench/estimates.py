@@ -86,7 +86,7 @@ class EstimatesRun(msgspec.Struct, frozen=True, kw_only=True):
 def run_case(case: EstimatesCase) -> EstimatesRun:
     """Let a team explore, submit tasks at random times, and compare each estimate with the end.
 
-    A live team is used as it is: it has explored, and nobody blocks its robots.
+    A live team must have explored already. Its robots are not blocked.
     """
     rng = np.random.default_rng([case.seed, case.robots])
     low = RobotSpec(hardware={"battery": {"soc_at_start": LOW_SOC}})

@@ -276,13 +276,13 @@ def _dry_runs() -> list[Figure]:
         alone = _gaps_ms(lambda: None)
         last_s = 0.0
 
-        def follow() -> None:
+        def ask_each_dry_run_period() -> None:
             nonlocal last_s
             if time.monotonic() - last_s > DRY_RUN_S:
                 last_s = time.monotonic()
                 ask_again()
 
-        beside = _gaps_ms(follow)
+        beside = _gaps_ms(ask_each_dry_run_period)
     finally:
         planner.close()
     what = "20 robots, 200 tasks"

@@ -82,7 +82,7 @@ SERVING = {
 }
 """Commands that run until Ctrl-C: each with the member that runs it, a line that it prints, and the exit status."""
 PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway", "bench estimates")
-"""Commands of `BlueTeam`, those that other tests run, and a benchmark that asks what `task` asks."""
+"""Commands that `BlueTeam` starts or other tests run; `bench estimates` sends the same queries as `task`."""
 REFUSED = {
     "status": (0, "r1"),
     "plugin list r1": (0, "counter"),

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from robrain.coordinator.parts.charging import STILL_M, TO_SOC, ChargeSeekers
-from robrain.coordinator.planning.chargers import Charger
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import ChargerDistances
+from robrain.coordinator.team.chargers import Charger
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from robrain.coordinator.planning.chargers import ASKED_MAX, Charger, KnownChargers
+from robrain.coordinator.team.chargers import ASKED_MAX, Charger, KnownChargers
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Point2D
