@@ -24,9 +24,9 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import is_loopback, listening_at
 from robrain.sim.firmware.described_controller import BASE_LINE
 from robrain.sim.firmware.lidar_line import LINE, LidarProtocol
+from robrain.sim.firmware.line_plug import LinePlug
 from robrain.sim.firmware.wit_imu import IMU_LINE
 from robrain.sim.motes.serial_forwarder import SerialForwarder
-from robrain.sim.peripherals.line_plug import LinePlug
 from robrain.sim.robot.robot_hardware import ArenaRobot, Controller
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.arena import Arena

@@ -12,7 +12,7 @@ from robrain.deploy.command_line.output import print_json
 soak_app = typer.Typer(rich_help_panel=SIMULATE, rich_markup_mode=None)
 
 BROKEN = 1
-"""Exit status if an invariant was broken, or a planted bug was not found."""
+"""Exit status if an invariant was broken."""
 INTERRUPTED = 130
 
 
@@ -27,9 +27,6 @@ def soak(
     ] = Path("runs/soak"),
     shrink: Annotated[int, typer.Option(help="Trials to shrink a failing script; 0 leaves it as it is.")] = 300,
     repeat: Annotated[Path | None, typer.Option(help="Run one script again, from its file.")] = None,
-    planted: Annotated[
-        bool, typer.Option("--planted", help="Run scripts with each of ten planted bugs until one finds it.")
-    ] = False,
     full: Annotated[
         bool, typer.Option("--full", help="Run with fidelity full in a scenario, instead of points.")
     ] = False,
@@ -43,12 +40,10 @@ def soak(
         if value is not None and value < least:
             raise UsageError(f"{name} {value}: expected at least {least}")
     above_zero("--minutes", minutes)
-    if full and (planted or repeat is not None):
-        raise UsageError("--full: expected neither --planted nor --repeat with it; a script says what it is run with")
+    if full and repeat is not None:
+        raise UsageError("--full: expected no --repeat with it; a script says what it is run with")
     if repeat is not None:
         _repeat(repeat, as_json=as_json)
-    elif planted:
-        _planted(seed, runs, jobs, as_json=as_json)
     else:
         _soak(seed, runs or 100, jobs, minutes, output, shrink, is_full=full, as_json=as_json)
 
@@ -66,10 +61,11 @@ def _soak(
 ) -> None:
     from robrain.lab.soak.soak_display import show_soak, soak_display
     from robrain.lab.soak.soaking import SoakOptions, soak
+    from robrain.lab.sweep.sweep import cores
 
     options = SoakOptions(
         seeds=range(seed, seed + runs),
-        jobs=_jobs(jobs),
+        jobs=jobs or cores(),
         minutes=minutes,
         output=output,
         trials_max=shrink,
@@ -103,22 +99,3 @@ def _repeat(file: Path, *, as_json: bool) -> None:
         show_script(script, verdict)
     if verdict.broken:
         raise typer.Exit(BROKEN)
-
-
-def _planted(seed: int, runs: int | None, jobs: int | None, *, as_json: bool) -> None:
-    from robrain.lab.soak.soak_display import show_planted
-    from robrain.lab.soak.soaking import find_planted, known_bugs
-
-    finds = find_planted(known_bugs(), range(seed, seed + (runs or 200)), _jobs(jobs))
-    if as_json:
-        print_json(finds)
-    else:
-        show_planted(finds)
-    if any(find.seed is None for find in finds):
-        raise typer.Exit(BROKEN)
-
-
-def _jobs(jobs: int | None) -> int:
-    from robrain.lab.sweep.sweep import cores
-
-    return jobs if jobs is not None else cores()

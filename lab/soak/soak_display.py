@@ -1,6 +1,6 @@
 """Terminal output of soaks: a progress bar on stderr, results on stdout."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
@@ -9,8 +9,7 @@ from rich.table import Table
 from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, text_column
 from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.judge import Broken
-from robrain.lab.soak.planted import BUGS
-from robrain.lab.soak.soaking import PlantedFind, SoakResult
+from robrain.lab.soak.soaking import SoakResult
 from robrain.lab.soak.trial import TrialVerdict
 from robrain.sim.faults.fault_spec import FaultSpec
 
@@ -115,23 +114,3 @@ def fault_text(fault: FaultSpec) -> str:
 def broken_text(broken: Broken) -> str:
     """A broken invariant in one line."""
     return f"{broken.invariant.value} at {broken.at_s:g} s: {broken.what}"
-
-
-def show_planted(finds: Sequence[PlantedFind]) -> None:
-    """Print which planted bug was found by which seed."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("planted bug", "seed", "scripts", "s", "invariant", "what it is"):
-        table.add_column(name, justify="right" if name in ("seed", "scripts", "s") else "left")
-    for find in finds:
-        table.add_row(
-            find.bug,
-            "none" if find.seed is None else str(find.seed),
-            str(find.seeds),
-            f"{find.wall_time_s:.0f}",
-            find.broken[0].invariant.value if find.broken else "",
-            BUGS[find.bug].doc,
-        )
-    results().print(table)
-    found = [find for find in finds if find.seed is not None]
-    total_s = sum(find.wall_time_s for find in finds)
-    print_line(f"{len(found)} of {len(finds)} planted bugs were found, in {total_s:.0f} s")

@@ -5,7 +5,7 @@ import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 
@@ -26,7 +26,6 @@ from robrain.lab.soak.fault_script import (
 )
 from robrain.lab.soak.judge import QUIET_S, Broken, TeamRule, broken_in
 from robrain.lab.soak.operator import OPERATOR, Operator, Promises
-from robrain.lab.soak.planted import BUGS, planted
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.shrink import TRIALS_MAX, Shrinker, with_sides_of
 from robrain.lab.soak.soak_run import quiet
@@ -84,8 +83,6 @@ PATIENCE_S = 150.0
 TASK_S = 60.0
 """Time for everything to settle after the last fault: so long, and so much for each task."""
 OPERATOR_TICKS = 5
-SEEDS_AT_ONCE = 4
-"""Scripts that are run with a planted bug before it is looked whether one has found it."""
 
 
 def scenario_of(script: FaultScript) -> Scenario:
@@ -320,8 +317,6 @@ class SoakTask(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     trials_max: int = TRIALS_MAX
     """Trials to shrink a failing script; 0 leaves it as it is."""
-    bug: str = ""
-    """Name of a planted bug; empty for the product as it is."""
     is_full: bool = False
     """Whether the script is one for the full stack."""
 
@@ -338,7 +333,6 @@ class SoakRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Number of smaller scripts that were tried."""
     cpu_s: float = 0.0
     """Of the first run, without the shrinking."""
-    bug: str = ""
     error: str = ""
 
 
@@ -411,15 +405,15 @@ def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: Fa
 def soak_one(task: SoakTask) -> SoakRecord:
     """Run the script of a seed, and shrink it if it breaks an invariant; in a worker process."""
     _freeze_code()
-    with errors_alone(), planted(task.bug) if task.bug else nullcontext():
+    with errors_alone():
         script = draw(task.seed, is_full=task.is_full)
         began_s = time.process_time()
         verdict = run_script(script, is_asked_to_stop)
         cpu_s = time.process_time() - began_s
         if is_asked_to_stop():
-            return SoakRecord(seed=task.seed, state=RunState.INTERRUPTED, bug=task.bug)
+            return SoakRecord(seed=task.seed, state=RunState.INTERRUPTED)
         if not verdict.broken:
-            return SoakRecord(seed=task.seed, state=RunState.DONE, verdict=verdict, cpu_s=cpu_s, bug=task.bug)
+            return SoakRecord(seed=task.seed, state=RunState.DONE, verdict=verdict, cpu_s=cpu_s)
         invariant = verdict.broken[0].invariant
 
         def fails(smaller: FaultScript) -> bool:
@@ -430,9 +424,8 @@ def soak_one(task: SoakTask) -> SoakRecord:
         shrinker = Shrinker(fails, task.trials_max)
         shrunk = shrinker.shrink(script) if task.trials_max else script
         return SoakRecord(
-            seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s,
-            bug=task.bug,
-        )  # fmt: skip
+            seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s
+        )
 
 
 @cache
@@ -461,7 +454,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
             result.faults = dict(kinds.most_common())
         on_progress(result)
 
-    with StopOnInterrupt() as interrupt, closing(_crew(options.jobs)) as crew:
+    with StopOnInterrupt() as interrupt, closing(LocalCrew(options.jobs, soak_one)) as crew:
 
         def should_stop() -> bool:
             is_late = options.minutes is not None and time.monotonic() - began_s > 60.0 * options.minutes
@@ -474,62 +467,9 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
     return result
 
 
-class PlantedFind(msgspec.Struct, frozen=True, kw_only=True):
-    """Outcome of the search for a planted bug."""
-
-    bug: str
-    seed: int | None
-    """The first seed that found it; None if none did."""
-    seeds: int
-    """Number of seeds that were run."""
-    wall_time_s: float
-    broken: tuple[Broken, ...] = ()
-
-
-def find_planted(bugs: Sequence[str], seeds: Sequence[int], jobs: int) -> list[PlantedFind]:
-    """Run seeds with each planted bug until one finds it; in order of the bugs."""
-    prepare_kernels(quiet=True)
-    finds: list[PlantedFind] = []
-    with StopOnInterrupt() as interrupt, closing(_crew(jobs)) as crew:
-        for bug in bugs:
-            if not interrupt.requested:
-                finds.append(_find(bug, seeds, crew, lambda: interrupt.requested))
-    return finds
-
-
-def _find(
-    bug: str, seeds: Sequence[int], crew: LocalCrew[SoakTask, SoakRecord], should_stop: Callable[[], bool]
-) -> PlantedFind:
-    """In chunks, so that few scripts are run needlessly after one has found the bug."""
-    began_s, records = time.monotonic(), list[SoakRecord]()
-    for start in range(0, len(seeds), SEEDS_AT_ONCE):
-        tasks = [SoakTask(seed=seed, trials_max=0, bug=bug) for seed in seeds[start : start + SEEDS_AT_ONCE]]
-        execute_all(tasks, crew, records.append, without_result, should_stop)
-        found = [record for record in records if record.verdict is not None and record.verdict.broken]
-        if found or should_stop():
-            break
-    first = min(found, key=lambda record: record.seed, default=None) if records else None
-    return PlantedFind(
-        bug=bug,
-        seed=None if first is None else first.seed,
-        seeds=len(records),
-        wall_time_s=round(time.monotonic() - began_s, 1),
-        broken=() if first is None or first.verdict is None else first.verdict.broken,
-    )
-
-
 def without_result(task: SoakTask, state: RunState, error: str) -> SoakRecord:
     """The record of a trial that ended without one."""
-    return SoakRecord(seed=task.seed, state=state, error=error, bug=task.bug)
-
-
-def known_bugs() -> list[str]:
-    """Names of the planted bugs, in the order of their table."""
-    return list(BUGS)
-
-
-def _crew(jobs: int) -> LocalCrew[SoakTask, SoakRecord]:
-    return LocalCrew(jobs, soak_one)
+    return SoakRecord(seed=task.seed, state=state, error=error)
 
 
 def _add(result: SoakResult, record: SoakRecord, verdict: TrialVerdict, output: Path) -> None:

@@ -27,7 +27,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessI
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.sim.peripherals.line_plug import SerialPlug
+from robrain.sim.firmware.line_plug import SerialPlug
 from tests.waiting import until
 
 TEAM = "default"

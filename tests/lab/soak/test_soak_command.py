@@ -5,9 +5,9 @@ from typer.testing import CliRunner
 
 from robrain.cli import all_commands
 from robrain.lab.soak.fault_script import script_json
-from robrain.lab.soak.planted import planted
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.soaking import SoakOptions, soak
+from tests.lab.soak.planted import planted
 
 SEED = 13
 """Finds `strays_stay`."""

@@ -24,9 +24,9 @@ from robrain.plugins.device.bm2.polled_battery import BatteryAbsent, PowerSupply
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.payload import ID_MASK
-from robrain.sim.peripherals.battery_chips import InaChip, SmartBatteryChip
-from robrain.sim.peripherals.i2c_bus import I2cBus
 from tests.plugins.device.bare_device import BareDevice
+from tests.plugins.device.battery_chips import InaChip, SmartBatteryChip
+from tests.plugins.device.i2c_bus import I2cBus
 
 ADDRESS = 0x0B
 

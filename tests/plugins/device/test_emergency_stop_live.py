@@ -17,8 +17,8 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.host_messages import HOST_RESUME, ResumeRequest
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_session
-from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.patient_endpoint import PatientEndpoint
+from tests.plugins.device.gpio_chip import GpioChip
 from tests.waiting import until
 
 WHEELS = """

@@ -17,8 +17,8 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import HOST_RESUME, ResumeRequest
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
-from robrain.sim.peripherals.gpio_chip import GpioChip
 from tests.plugins.device.bare_device import BareDevice
+from tests.plugins.device.gpio_chip import GpioChip
 
 FRONT, LEFT = 17, 22
 CONTACTS = (BumperContact(line=FRONT, direction_rad=0.0), BumperContact(line="LEFT", direction_rad=math.pi / 2))

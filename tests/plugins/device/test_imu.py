@@ -23,8 +23,8 @@ from robrain.plugins.device.serial_imu import (
     SerialImu,
     WitMotionCodec,
 )
+from robrain.sim.firmware.line_plug import SerialPlug
 from robrain.sim.firmware.wit_imu import wit_frame
-from robrain.sim.peripherals.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 from tests.waiting import PATIENCE_S
 

@@ -18,7 +18,7 @@ from robrain.plugins.device.mocdevice.frame_map import SignalUnit
 from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.serial_base import LineWords, SerialBase, WheelLineCodec, WheelSerialLink
 from robrain.protocol.model.geometry import Twist2D
-from robrain.sim.peripherals.line_plug import SerialPlug
+from robrain.sim.firmware.line_plug import SerialPlug
 from tests.plugins.device.bare_device import BareDevice
 
 BASE = Differential(wheel_radius_m=0.05, track_m=0.2, encoder_ticks_per_turn=600)

@@ -1,14 +1,14 @@
-"""Ten bugs planted in the product's coordination code, to show that a soak finds such bugs.
+"""Ten bugs to plant in the coordination code, to show that a soak finds such bugs.
 
 Each is a patch of real code, in force for the duration of a block, as a developer might make it by mistake.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
+import pytest
 
 from robrain.agent.robot_tasks import RobotTasks
 from robrain.coordinator.journal.journal import Journal
@@ -25,13 +25,6 @@ from robrain.protocol.model.tasks.task import TaskState
 
 Patch = tuple[object, str, object]
 """Object, attribute, and planted value."""
-
-
-class Bug(NamedTuple):
-    """A planted bug."""
-
-    doc: str
-    patches: Callable[[], list[Patch]]
 
 
 def _epoch_not_raised() -> list[Patch]:
@@ -133,34 +126,25 @@ def _cancelled_forgotten() -> list[Patch]:
     return [(Journal, "change", lossy)]
 
 
-BUGS: Mapping[str, Bug] = MappingProxyType(
-    {
-        "epoch_not_raised": Bug("A task that goes to another robot keeps its epoch.", _epoch_not_raised),
-        "lease_not_kept": Bug("A robot works on when its coordinator is silent.", _lease_not_kept),
-        "journal_late": Bug("A task is acknowledged first and journalled with the next change.", _journal_late),
-        "requeued_without_order": Bug(
-            "A task that is given back loses its priority and what it waits for.", _requeued_without_order
-        ),
-        "any_report_counts": Bug("Reports count whatever their robot and epoch.", _any_report_counts),
-        "halt_forgotten": Bug("The coordinator's summary tells late robots of no halt.", _halt_forgotten),
-        "offer_never_free": Bug("A task whose robot dies while it is offered stays offered.", _offer_never_free),
-        "strays_stay": Bug("Robots are not told to drop tasks that have ended or moved.", _strays_stay),
-        "backoff_without_end": Bug("A pause after a refusal or an unanswered offer never ends.", _backoff_without_end),
-        "cancelled_forgotten": Bug("Cancellations are not in the journal.", _cancelled_forgotten),
-    }
-)
-"""By name."""
+BUGS: Mapping[str, Callable[[], list[Patch]]] = {
+    "epoch_not_raised": _epoch_not_raised,
+    "lease_not_kept": _lease_not_kept,
+    "journal_late": _journal_late,
+    "requeued_without_order": _requeued_without_order,
+    "any_report_counts": _any_report_counts,
+    "halt_forgotten": _halt_forgotten,
+    "offer_never_free": _offer_never_free,
+    "strays_stay": _strays_stay,
+    "backoff_without_end": _backoff_without_end,
+    "cancelled_forgotten": _cancelled_forgotten,
+}
+"""By the names in docs/how-to/soak.md."""
 
 
 @contextmanager
 def planted(name: str) -> Iterator[None]:
-    """Have a bug in the product for the duration of the block (KeyError if there is none of that name)."""
-    patches = BUGS[name].patches()
-    before = [(owner, attribute, getattr(owner, attribute)) for owner, attribute, _ in patches]
-    try:
-        for owner, attribute, value in patches:
-            setattr(owner, attribute, value)
+    """Have a bug in the product for the duration of the block."""
+    with pytest.MonkeyPatch.context() as patch:
+        for owner, attribute, value in BUGS[name]():
+            patch.setattr(owner, attribute, value)
         yield
-    finally:
-        for owner, attribute, value in before:
-            setattr(owner, attribute, value)

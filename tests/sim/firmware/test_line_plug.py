@@ -12,7 +12,7 @@ from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL, ARENA_SE
 from robrain.protocol.serial.serial_line import PortLine
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.peripherals.line_plug import LinePlug
+from robrain.sim.firmware.line_plug import LinePlug
 
 
 @pytest.fixture
