@@ -325,11 +325,10 @@ class AgentHost:
         elif self.desk.differs_from(self._published_facts):  # the next task must not wait for the period
             self._publish_state()
 
-    def task_and_trace(self) -> tuple[str, str]:
-        """Id and trace of the task that the robot is at, else of the one that it begins next; empty if none."""
+    def task_id(self) -> str:
+        """Id of the task that the robot is at, else of the one that it begins next; empty if none."""
         status, held = self.desk.status, self.desk.held
-        task = status.id if status is not None and not status.state.ended else held.offer.task.id if held else ""
-        return (task, self.wire.traces.of(task)) if task else ("", "")
+        return status.id if status is not None and not status.state.ended else held.offer.task.id if held else ""
 
     def close(self) -> None:
         """Stop the plugins and leave the wire."""
@@ -433,7 +432,6 @@ class AgentHost:
         if now_ns < self._awake_ns or now_ns - self._stepped_ns > PAUSED_NS:
             # The coordinator may have given the offer up, or have ended.
             return TaskAnswer.refused(ProcessPaused())
-        self.wire.traces.record(request.asked.task.id, request.trace)
         for extension in self.extensions.values():
             if reason := extension.offer_refusal(request.asked.task.id, now_ns):
                 return TaskAnswer.refused(reason)

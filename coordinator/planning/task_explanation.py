@@ -57,14 +57,11 @@ class TaskExplainer:
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
         self._eligibility, self._planning, self._others = lifecycle.eligibility, planning, others
 
-    def explain(
-        self, record: TaskRecord, trace: str, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]
-    ) -> None:
+    def explain(self, record: TaskRecord, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]) -> None:
         """Answer why a task stands as it does; for an open one with each robot's cost from now on.
 
         Args:
             record: of the task.
-            trace: of the task.
             now_ns: the time.
             answer: called once, for an open task when a plan with it is made.
 
@@ -77,7 +74,6 @@ class TaskExplainer:
             reason=reason,
             robots=[RobotVerdict(robot=name, chosen=True) for name in sorted(_whose(record))],
             changes=self._book.journal.history(record.task.id),
-            trace=trace,
         )
         if record.state.ended or record.own:
             answer(found)

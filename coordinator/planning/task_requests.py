@@ -74,7 +74,7 @@ class TaskRequests:
         wire = lifecycle.wire
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
-        self._clock, self._traces = wire.clock, wire.traces
+        self._clock = wire.clock
         self._roster = lifecycle.roster
         self._book, self._capabilities, self._map = lifecycle.book, lifecycle.capabilities, team_map
         self._explanation, self._chargers, self._gate = explanation, chargers, gate
@@ -92,8 +92,6 @@ class TaskRequests:
         if refusal := self._gate.request_refusal():
             raise CallError(ErrorCode.REFUSED, f"task {asked.task.id} is refused: {refusal}", refusal)
         known = self._book.find(asked.task.id)
-        if known is None:
-            self._traces.record(asked.task.id, request.trace)
         if known is not None:
             if (text := self._another(asked, known)) is not None:
                 raise CallError(ErrorCode.REFUSED, *text)
@@ -234,8 +232,7 @@ class TaskRequests:
         return self._explanation.estimated(self._known(request.asked.id), self._clock.now_ns())
 
     def _explain(self, request: Request[TaskRequest]) -> Deferred[TaskExplanation]:
-        record, trace = self._known(request.asked.id), self._traces.of(request.asked.id)
-        return Deferred(partial(self._explanation.explain, record, trace, self._clock.now_ns()))
+        return Deferred(partial(self._explanation.explain, self._known(request.asked.id), self._clock.now_ns()))
 
     def _known(self, task_id: str) -> TaskRecord:
         record = self._book.find(task_id)

@@ -103,8 +103,7 @@ class Offers:
     def offer(self, record: TaskRecord, after: str) -> None:
         """Offer a record's task to its robot, to begin now or after its running task `after`."""
         offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
-        trace = self._wire.traces.of(record.task.id)
-        reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S, trace=trace)
+        reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S)
         self._asked.append(_PendingOffer(record, after, reply))
 
     def withdraw(self, robot: str, withdrawal: TaskWithdrawal) -> None:

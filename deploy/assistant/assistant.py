@@ -38,7 +38,6 @@ from robrain.deploy.assistant.policy import (
     call_refusal,
     cancel_refusal,
     order_refusal,
-    tool_refusal,
 )
 from robrain.deploy.assistant.team_reader import OPEN, TeamReader, foreseen, task_line
 from robrain.deploy.tasks.task_files import dry_run_lines
@@ -350,7 +349,7 @@ class Assistant:
     def _answer(self, call: ToolCall, number: int) -> ToolAnswer:
         tool = self.tools.get(call.tool)
         if tool is None:
-            raise CallRefused(tool_refusal(call.tool))
+            raise CallRefused(Ban.UNKNOWN_TOOL)
         if not self.may(tool.name):
             raise CallRefused(Ban.ROLE, f"it is that of {self._member}")
         if tool.arguments is HaltRobots:  # without a lock, and with any arguments

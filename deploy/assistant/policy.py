@@ -1,6 +1,5 @@
 """Permissions of an assistant, as values. It may ask the team to work, but never overrules a person or a robot."""
 
-import re
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -34,21 +33,12 @@ class Ban(StrEnum):
         member._value_, member.words = value, words
         return member
 
-    RESUME = "resume", "an assistant never ends a halt: a person does, with `robrain resume`"
-    PLUGINS = "plugins", "an assistant never loads, unloads or reloads plugins: a person does, with `robrain plugin`"
-    LEAD = "lead", "an assistant never decides who leads a team: a person does, with `robrain lead`"
-    HOLD = "hold", "an assistant never holds plugins"
+    HOST = "host", "an assistant changes no plugins of a robot, and sends no text that a robot executes"
     DRIVE = (
         "drive",
         "an assistant never moves a robot itself: submit a task, and the team decides who does it and how",
     )
-    PLANNING = "planning", "an assistant never changes how the team plans: a person does, with `robrain task objective`"
-    KEYS = "keys", "an assistant never makes or revokes certificates: a person does, with `robrain pki`"
-    TEXT_FORM = (
-        "text_form",
-        "an assistant sends no text that a robot executes: use call_plugin, which names what is called",
-    )
-    UNKNOWN_TOOL = "unknown_tool", "there is no such tool"
+    UNKNOWN_TOOL = "unknown_tool", "there is no such tool: a person does all that the tools do not"
     NO_PLUGIN = "no_plugin", "the robot has no such plugin: see list_plugins"
     NO_FUNCTION = "no_function", "the plugin has no such function: see list_plugins"
     NOT_OPEN = (
@@ -96,22 +86,7 @@ ROWS: Mapping[Order, tuple[AccessAction, WireKey]] = MappingProxyType(
     }
 )
 """Access action and topic of each order on the wire."""
-BANNED_WORDS: Mapping[str, Ban] = MappingProxyType(
-    {
-        **dict.fromkeys(("resume", "unhalt", "restart", "continue"), Ban.RESUME),
-        **dict.fromkeys(("load", "unload", "reload", "install", "update"), Ban.PLUGINS),
-        **dict.fromkeys(("lead", "coordinate"), Ban.LEAD),
-        **dict.fromkeys(("hold", "release", "lease"), Ban.HOLD),
-        **dict.fromkeys(("drive", "move", "turn", "go", "hand", "speed", "steer"), Ban.DRIVE),
-        **dict.fromkeys(("objective", "policy", "planning"), Ban.PLANNING),
-        **dict.fromkeys(("pki", "issue", "revoke", "renew", "certificate"), Ban.KEYS),
-        **dict.fromkeys(("command", "shell", "text"), Ban.TEXT_FORM),
-    }
-)
-"""Why a tool, or a verb of a robot's host, that is called by such a word does not exist here."""
-HOST_NAMES: Mapping[str, Ban] = MappingProxyType(
-    {"host": Ban.PLUGINS, "command": Ban.TEXT_FORM, "tcp_socket": Ban.TEXT_FORM, "interactive_shell": Ban.TEXT_FORM}
-)
+HOST_NAMES = frozenset({"host", "command", "tcp_socket", "interactive_shell"})
 """Names of plugins behind which the host itself is."""
 MOVERS = frozenset({"driver", "mocdevice", "wander", "idle", "home"})
 """Plugins whose functions move or stop a robot, or send it to a place without a task."""
@@ -139,16 +114,6 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
     }
 )  # fmt: skip
 """Functions without side effects, of stock plugins that can move a robot themselves or through another plugin."""
-_WORD = re.compile(r"[a-z]+")
-
-
-def tool_refusal(name: str) -> Ban:
-    """Reason why there is no such tool.
-
-    >>> tool_refusal("resume_team")
-    <Ban.RESUME: 'resume'>
-    """
-    return next((BANNED_WORDS[word] for word in _WORD.findall(name.lower()) if word in BANNED_WORDS), Ban.UNKNOWN_TOOL)
 
 
 def order_refusal(order: Order, member: Member | None) -> Ban | None:
@@ -168,9 +133,8 @@ def call_refusal(plugin: str, function: str, plugins: Iterable[PluginInfo]) -> B
         plugins: plugins of the robot, as its host reports them.
 
     """
-    if (of_host := HOST_NAMES.get(plugin)) is not None:
-        known = tool_refusal(function)
-        return of_host if known is Ban.UNKNOWN_TOOL else known
+    if plugin in HOST_NAMES:
+        return Ban.HOST
     by_name = {one.name: one for one in plugins}
     found = by_name.get(plugin)
     if found is None:

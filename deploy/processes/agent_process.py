@@ -121,7 +121,7 @@ def agent_command(robot: Path, connect: str | None, team: str | None, votes: Pat
         robot_file = msgspec.structs.replace(robot_file, robot=table, zenoh=zenoh)
         witness = partial(WitnessExtension, memory=WitnessFile(witness_path(table.team, table.name, votes)))
         host = AgentHost(robot_file, robot.parent, session, LiveClock(), Drive.LIVE, extensions={"witness": witness})
-        CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_and_trace
+        CONTEXT.robot, CONTEXT.plugin, CONTEXT.task = host.name, plugin_here, host.task_id
 
         def report_plugins() -> None:
             claim.settle()

@@ -57,8 +57,8 @@ class LogContext:
         """Name of the robot whose process it is; empty for other processes."""
         self.plugin: Callable[[], str] = str
         """Name of the plugin whose code runs on the calling thread; empty if none."""
-        self.task: Callable[[], tuple[str, str]] = lambda: ("", "")
-        """Id and trace of the task that the robot is at; both empty if none."""
+        self.task: Callable[[], str] = str
+        """Id of the task that the robot is at; empty if none."""
 
 
 CONTEXT = LogContext()
@@ -79,7 +79,6 @@ class JsonLines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """The line, without a line break."""
-        task, trace = self._context.task()
         fields: dict[str, object] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -87,8 +86,7 @@ class JsonLines(logging.Formatter):
             "message": record.getMessage(),
             "robot": self._context.robot,
             "plugin": getattr(record, "plugin", "") or self._context.plugin(),
-            "task": task,
-            "trace": trace,
+            "task": self._context.task(),
             "process": record.process,
         }
         if record.exc_info:

@@ -5,7 +5,6 @@ from typing import NamedTuple, Protocol
 import msgspec
 import zenoh
 
-from robrain.protocol.answers.trace import read_trace
 from robrain.protocol.errors import CallError
 from robrain.protocol.topic import JSON
 
@@ -38,10 +37,6 @@ class Asked(Protocol):
     @property
     def by(self) -> str:
         """Name of the caller; empty if it is not stated."""
-
-    @property
-    def trace(self) -> str:
-        """Trace of the task that it is about; empty if it is not stated. See `trace.py`."""
 
     @property
     def payload(self) -> bytes:
@@ -84,12 +79,6 @@ class ZenohQuery:
     def by(self) -> str:
         """See `Asked`."""
         return self._query.parameters.get(BY) or ""
-
-    @property
-    def trace(self) -> str:
-        """See `Asked`."""
-        attachment = self._query.attachment
-        return read_trace(attachment.to_bytes()) if attachment is not None else ""
 
     @property
     def payload(self) -> bytes:

@@ -86,11 +86,6 @@ class LocalQuery:
         return zenoh.Parameters(parameters).get(BY) or "" if parameters else ""
 
     @property
-    def trace(self) -> str:
-        """See `Asked`: within a process every trace follows from its task."""
-        return ""
-
-    @property
     def payload(self) -> bytes:
         """See `Asked`."""
         return self._gathering.payload

@@ -29,7 +29,6 @@ from robrain.protocol.access.signing import (
 from robrain.protocol.answers.answering import Answering, SharedQueue, WaitingQueries, reply_deferred
 from robrain.protocol.answers.asked import BY, Answer, Asked, ZenohQuery
 from robrain.protocol.answers.later import Later, read_answer
-from robrain.protocol.answers.trace import Traces
 from robrain.protocol.border.border import Border, Incoming
 from robrain.protocol.clock import Clock
 from robrain.protocol.codec import BadPayload
@@ -90,8 +89,6 @@ class Request(NamedTuple, Generic[Q]):
     """Name of the caller, if it is stated: the parameter `by` of the selector, as in
     `robrain/t/robot/r1/call/p/f?by=ann`. In a secured team the member whom the router's rules vouch for, such as
     `operator:ann`."""
-    trace: str = ""
-    """Trace of the task that it is about, if it is stated: Zenoh's attachment."""
     asker: Member | None = None
     """That member; None where the team is not secured, and `by` is a claim."""
 
@@ -154,8 +151,6 @@ class Endpoint:
         """Counts of the messages and requests that the endpoint refused."""
         self._border = Border(clock, self.refusals)
         self._thinning = thinning
-        self.traces = Traces(team)
-        """Traces of the tasks that the component has to do with."""
         self._on_outside = on_outside
         self.has_waiting = False
         """Whether `serve` has something to do."""
@@ -351,11 +346,11 @@ class Endpoint:
                 raise CallError(ErrorCode.BAD_ARGUMENTS, f"{key}: ask one concrete key")
             asked = self.read_request(topic, key, query.payload)
             if signed_key is None:
-                request = Request(names, asked, query.by, query.trace)
+                request = Request(names, asked, query.by)
             else:
                 asker = signed_key.asker
                 asked = vouch_request(topic, key, asked, asker, self.refusals)
-                request = Request(names, asked, str(asker), query.trace, asker)
+                request = Request(names, asked, str(asker), asker)
             result = handler(request)
             if isinstance(result, Deferred):
                 is_deferred = True
@@ -431,7 +426,6 @@ class Endpoint:
         request: Q | None = None,
         *,
         timeout_s: float | None = None,
-        trace: str = "",
         **names: str,
     ) -> Later[R]:
         """Ask one concrete key without waiting; in lockstep the reply is there when this returns.
@@ -440,7 +434,6 @@ class Endpoint:
             topic: which query.
             request: None asks without a payload.
             timeout_s: time limit for a reply; None for the limit of the query.
-            trace: of the task that it is about; in lockstep it does not travel.
             names: the names in the key.
 
         """
@@ -453,8 +446,6 @@ class Endpoint:
         body = self._signing.body(topic, request)
         timeout_s = topic.timeout_s if timeout_s is None else timeout_s
         options = {"payload": body, "encoding": JSON, **query_options(topic.urgency)}
-        if trace:
-            options["attachment"] = trace
         key = self._signing.own(topic, plain_key)
         return Later(plain_key, topic, self._get(key, timeout=timeout_s, **options))
 

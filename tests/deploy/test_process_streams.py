@@ -119,19 +119,18 @@ def record(error=None):
 
 def test_line_has_robot_plugin_and_task():
     context = LogContext()
-    context.robot, context.plugin, context.task = "r1", lambda: "driver", lambda: ("visit-1", "4bf92f35")
+    context.robot, context.plugin, context.task = "r1", lambda: "driver", lambda: "visit-1"
     line = JsonLines(context).format(record())
     assert "\n" not in line
     found = json.loads(line)
     assert (found["level"], found["logger"], found["message"]) == ("warning", "robrain.x", "r1 is late")
     assert (found["robot"], found["plugin"], found["task"]) == ("r1", "driver", "visit-1")
-    assert found["trace"] == "4bf92f35"
     assert found["time"].endswith("+00:00")
 
 
 def test_what_is_not_known_is_left_out_and_an_error_has_its_traceback():
     found = json.loads(JsonLines(LogContext()).format(record(ValueError("a\nb"))))
-    assert not {"robot", "plugin", "task", "trace"} & set(found)
+    assert not {"robot", "plugin", "task"} & set(found)
     assert found["traceback"].startswith("ValueError: a")
 
 

@@ -277,8 +277,6 @@ class TaskExplanation(msgspec.Struct, frozen=True, kw_only=True):
     """The last ones, oldest first."""
     remedies: Remedies = []
     """Of a task that the plan leaves out: single changes with which it could be done, the soonest end first."""
-    trace: Name = ""
-    """Its trace, as the log lines of its robots have it; empty if the coordinator is of an earlier version."""
 
 
 class TaskDelay(msgspec.Struct, frozen=True, kw_only=True):

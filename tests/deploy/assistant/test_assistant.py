@@ -139,7 +139,7 @@ def test_every_call_is_logged_and_a_confirmed_order_before_it_is_carried_out(des
         (1, "submit_task", "rehearsed", ""),
         (2, "submit_task", "begun", ""),
         (2, "submit_task", "done", ""),
-        (3, "resume", "refused", "resume"),
+        (3, "resume", "refused", "unknown_tool"),
         (4, "robot_state", "refused", "bad_arguments"),
     ]
     assert {(line["by"], line["client"]) for line in desk.lines()} == {("assistant:ann", "scripted 1.0")}

@@ -314,7 +314,7 @@ VOICE_SAYS = [
     r"heard: yes\n  say: I did not understand; nothing is done\n",  # nothing is waiting any more
     r"heard: Yes\.\n  say: submitted visit-\w+: visit at \(2, 1\.5\).* by assistant:eve",
     r"heard: cancel that task\n  say: .*(.|\n)*Shall I\?\nheard: do it\n  say: cancelled visit-",
-    r"heard: resume\n  say: refused: an assistant never ends a halt",
+    r"heard: resume\n  say: refused: there is no such tool",
     r"heard: STOP IT!\n  say: r1: halted",
 ]
 
