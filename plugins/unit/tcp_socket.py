@@ -2,15 +2,13 @@
 
 import logging
 import math
-import select
-import selectors
 import socket
+import socketserver
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
 
@@ -21,7 +19,6 @@ from robrain.protocol.errors import ErrorCode
 from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive, PositiveInt
-from robrain.protocol.safe_text import safe_text
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.workers import OwnedThread, close_threads
 
@@ -78,31 +75,19 @@ def _error(message: str) -> bytes:
 
 MAX_PORT = 65535
 
-FIRST_COMMAND_S = 1.0
-"""Time without a command after which a client makes room for another when all places are taken."""
+FIRST_COMMAND_S = 10.0
+"""A new client that has given no command within this time is disconnected: it would keep others out."""
 REPORT_S = 10.0
 """Between two warnings that all places are taken."""
 SEND_TIMEOUT_S = 5.0
 """Time after which a client that reads no answer is disconnected."""
-ACCEPT_PAUSE_S = 0.1
+POLL_S = 0.1
 CLOSE_TIMEOUT_S = 2.0
 """A command that takes longer when the server closes is abandoned."""
 
 
-class _Client:
-    """A connected client."""
-
-    def __init__(self, thread: OwnedThread) -> None:
-        self.thread = thread
-        self.since_s = time.monotonic()
-        self.has_spoken = False
-        """Whether it has ever given a whole command."""
-
-
-class LineServer:
+class LineServer(socketserver.TCPServer):
     """Listens from the moment it is made until `close`.
-
-    When all places are taken, the oldest client that has never given a command is disconnected; others stay.
 
     Args:
         host: address to listen on.
@@ -116,22 +101,22 @@ class LineServer:
 
     """
 
+    allow_reuse_address = True
+    request_queue_size = 128
+
     def __init__(self, host: str, port: int, execute: Callable[[str], str], *, max_clients: int, idle_s: float) -> None:
         self._execute = execute
         self._max_clients = max_clients
         self._idle_s = idle_s
-        self._clients: dict[socket.socket, _Client] = {}
+        self._clients: dict[socket.socket, OwnedThread] = {}
         self.refused = 0
         """Number of clients disconnected because `max_clients` were connected."""
         self._reported_s = -math.inf
         self._guard = threading.Lock()
-        self._closing = False
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._listener = socket.create_server((host, port), family=family)
-        self._listener.setblocking(False)  # a client may have gone again before it is accepted
-        self.port: int = self._listener.getsockname()[1]
-        self._woken, self._wake = socket.socketpair()
-        self._thread = OwnedThread(f"tcp-{self.port}", self._accept)
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        super().__init__((host, port), socketserver.BaseRequestHandler)
+        self.port: int = self.socket.getsockname()[1]
+        self._thread = OwnedThread(f"tcp-{self.port}", self.serve_forever, POLL_S)
 
     @property
     def clients(self) -> int:
@@ -140,99 +125,55 @@ class LineServer:
 
     def close(self) -> None:
         """Stop listening, disconnect all clients, and wait for their threads."""
-        self._wake.close()
+        self.shutdown()
+        self.server_close()
         self._thread.close(CLOSE_TIMEOUT_S)
         with self._guard:
-            self._closing = True
             clients = dict(self._clients)
             for client in clients:
-                _cut_off(client)
-        close_threads((client.thread for client in clients.values()), CLOSE_TIMEOUT_S)
+                with suppress(OSError):  # the client has already closed the connection
+                    client.shutdown(socket.SHUT_RDWR)
+        close_threads(clients.values(), CLOSE_TIMEOUT_S)
 
-    def _accept(self) -> None:
-        with self._listener, self._woken, selectors.DefaultSelector() as selector:
-            selector.register(self._listener, selectors.EVENT_READ)
-            selector.register(self._woken, selectors.EVENT_READ)
-            while self._woken not in [key.fileobj for key, _ in selector.select()]:
-                try:
-                    client, address = self._listener.accept()
-                except OSError as error:  # that client has gone, or there are too many open files
-                    logger.warning("no connection on port %d: %s", self.port, error)
-                    if select.select([self._woken], [], [], ACCEPT_PAUSE_S)[0]:
-                        return
-                    continue
-                self._welcome(client, str(address[0]))
-
-    def _welcome(self, client: socket.socket, host: str) -> None:
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a client on a thread, if there is a place."""
         with self._guard:
-            if len(self._clients) >= self._max_clients:
-                self._refuse(host)
-            if not self._closing and len(self._clients) < self._max_clients:
-                self._clients[client] = _Client(OwnedThread(f"tcp-{self.port}-client", self._serve, client))
+            if len(self._clients) < self._max_clients:
+                self._clients[request] = OwnedThread(f"tcp-{self.port}-client", self._serve, request)
                 return
-        with client:
-            client.settimeout(SEND_TIMEOUT_S)
-            try:
-                client.sendall(as_line(f"error {ErrorCode.BUSY}: {self._max_clients} clients are connected already"))
-            except OSError:
-                logger.info("a client that was too many has gone")
-
-    def _refuse(self, host: str) -> None:
-        """Count and report a refusal; the oldest client that has never given a command loses its place."""
         self.refused += 1
         now_s = time.monotonic()
         if now_s - self._reported_s >= REPORT_S:
             self._reported_s = now_s
-            logger.warning(
-                "port %d: %d clients are connected, which are all that may be; another came from %s (%d so far)",
-                self.port,
-                len(self._clients),
-                safe_text(host),
-                self.refused,
-            )
-        silent = (
-            client
-            for client, one in self._clients.items()
-            if not one.has_spoken and now_s - one.since_s >= FIRST_COMMAND_S
-        )
-        oldest = next(silent, None)  # a dict keeps the order in which they came
-        if oldest is not None:
-            del self._clients[oldest]
-            _cut_off(oldest)
+            taken = f"port {self.port}: {self._max_clients} clients are connected, which are all that may be"
+            logger.warning("%s; another came from %s (%d so far)", taken, client_address[0], self.refused)
+        with request, suppress(OSError):  # it has gone
+            request.settimeout(SEND_TIMEOUT_S)
+            request.sendall(as_line(f"error {ErrorCode.BUSY}: {self._max_clients} clients are connected already"))
 
     def _serve(self, client: socket.socket) -> None:
-        conversation = Conversation(partial(self._spoken, client))
+        conversation = Conversation(self._execute)
+        silence_s = min(FIRST_COMMAND_S, self._idle_s)
         try:
             with client:
-                while received := self._receive(client):
-                    self._answer(client, conversation.feed(received))
-                self._answer(client, conversation.end())
+                while received := self._received(client, silence_s):
+                    silence_s = self._idle_s if b"\n" in received else silence_s
+                    self._send(client, conversation.feed(received))
+                self._send(client, conversation.end())
         except OSError as error:
             logger.info("a client of port %d is cut off: %s", self.port, error)
         finally:
             with self._guard:
-                self._clients.pop(client, None)
+                del self._clients[client]
 
-    def _spoken(self, client: socket.socket, text: str) -> str:
-        with self._guard:
-            one = self._clients.get(client)
-            if one is not None:
-                one.has_spoken = True
-        return self._execute(text)
-
-    def _receive(self, client: socket.socket) -> bytes:
-        client.settimeout(self._idle_s)
+    def _received(self, client: socket.socket, silence_s: float) -> bytes:
+        client.settimeout(silence_s)
         return client.recv(MAX_LINE_BYTES)
 
-    def _answer(self, client: socket.socket, answers: Iterable[bytes]) -> None:
+    def _send(self, client: socket.socket, answers: Iterable[bytes]) -> None:
         client.settimeout(SEND_TIMEOUT_S)
         for answer in answers:
             client.sendall(answer)
-
-
-def _cut_off(client: socket.socket) -> None:
-    with suppress(OSError):  # the client has already closed the connection
-        client.shutdown(socket.SHUT_RDWR)
 
 
 class TcpSocket(Unit):

@@ -126,7 +126,7 @@ def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
 
 def test_nobody_but_the_machine_itself_can_connect_unless_told(listening):
     plugin = listening()
-    assert plugin._server._listener.getsockname()[0] == "127.0.0.1"
+    assert plugin._server.server_address[0] == "127.0.0.1"
     with pytest.raises(OSError):  # noqa: PT011 - refused or unreachable, as the machine likes
         Client(plugin, host="127.0.0.2")
     with Client(listening(host="0.0.0.0"), host="127.0.0.2") as client:
