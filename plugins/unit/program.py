@@ -9,7 +9,8 @@ A manifest of your own, `NAME.toml`, with
     command = ["bc", "--quiet"]
 
 makes it the plugin NAME: `robrain call ROBOT NAME send '"1+2"'`, or from a plugin of a higher level
-`env.use("NAME", ProgramInterface).send("1+2")`. As many programs as there are manifests.
+`env.use("NAME", ProgramInterface).send("1+2")`. As many programs as there are manifests. A program that fails is a
+fault of its plugin; with `restart = "on-failure"` in [tag] it is started again.
 """
 
 import logging
@@ -21,7 +22,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import IO, Literal, Protocol
 
@@ -30,12 +30,11 @@ import msgspec
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
-from robrain.protocol.backoff import backoff_s
 from robrain.protocol.codec import BAD_PAYLOAD
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import NotNegativeInt, Positive, PositiveInt
+from robrain.protocol.model.ranges import Positive, PositiveInt
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.workers import OwnedThread, ProcessGroup, close_threads, how_it_ended
 
@@ -73,7 +72,6 @@ class LineProcess:
     ) -> None:
         self.lines = 0
         self.skipped = 0
-        self.started_s = time.monotonic()
         self._plugin = plugin
         self._max_line_bytes = max_line_bytes
         self._on_line = on_line
@@ -224,22 +222,11 @@ class ProgramLate(PluginError):
     code = ErrorCode.TIMEOUT
 
 
-class Running(StrEnum):
-    """Whether a program runs."""
-
-    RUNNING = "running"
-    WAITING = "waiting"
-    """It has failed and will be started again."""
-    ENDED = "ended"
-
-
 class ProgramState(msgspec.Struct, frozen=True, kw_only=True):
     """State of a program."""
 
-    running: Running
     pid: int | None = None
-    restarts: int = 0
-    """Restarts since it last ran for a while."""
+    """None if it does not run."""
     lines: int = 0
     """Lines that it has written."""
     lines_skipped: int = 0
@@ -268,14 +255,10 @@ logger = logging.getLogger(__name__)
 
 Form = Literal["lines", "json"]
 
-BACKOFF_S = 0.5
-LONGEST_BACKOFF_S = 30.0
 A_MOMENT_S = 0.1
 """Time between a program's last output and its end."""
 SILENT_S = 2.0
 """The same for one that has closed its output, and so is ending: on a busy machine that takes its time."""
-STEADY_S = 10.0
-"""Running time after which earlier restarts no longer count."""
 
 
 class Program(Unit):
@@ -292,10 +275,6 @@ class Program(Unit):
         output: Form = "lines"
         time_limit_s: Positive = 2.0
         """A program that takes longer to answer is killed: its next line would count as the wrong answer."""
-        restart: Literal["no", "on-failure"] = "no"
-        """After an exit status other than 0, a signal or a late answer; otherwise the plugin is faulted."""
-        restart_limit: NotNegativeInt = 5
-        """Number of consecutive restarts after which the plugin is faulted."""
         folder: str = ""
         """Working directory; relative to that of the robot's agent, which is the default."""
         environment: dict[str, str] = msgspec.field(default_factory=dict)
@@ -318,8 +297,6 @@ class Program(Unit):
         if self.env.wire.drive is Drive.LOCKSTEP:
             raise PluginError(self.env.plugin, f"{self.env.plugin}: programs run only in the live drive")
         self._process: LineProcess | None = None
-        self._again_s: float | None = None
-        self._restarts = 0
         self._reason = ""
         self._was_halted = False
 
@@ -331,13 +308,9 @@ class Program(Unit):
         self._start()
 
     def step(self) -> None:
-        if self._again_s is not None:
-            if time.monotonic() >= self._again_s:
-                self._start()
-            return
         process = self._process
         if process is not None and process.status is not None:
-            self._ended(process, process.status)
+            self._ended(process.status)
 
     def deactivate(self) -> None:
         self._end()
@@ -368,15 +341,10 @@ class Program(Unit):
 
     @external
     def state(self) -> ProgramState:
-        """Whether the program runs, how often it was restarted, how it ended last."""
+        """Whether the program runs, and how it ended last."""
         process = self._process
-        running = Running.WAITING if self._again_s is not None else Running.ENDED
-        if process is not None and process.status is None:
-            running = Running.RUNNING
         return ProgramState(
-            running=running,
-            pid=process.pid if process is not None and running is Running.RUNNING else None,
-            restarts=self._restarts,
+            pid=process.pid if process is not None and process.status is None else None,
             lines=process.lines if process is not None else 0,
             lines_skipped=process.skipped if process is not None else 0,
             why=self._reason,
@@ -393,7 +361,6 @@ class Program(Unit):
     def _start(self) -> None:
         given = self.parameters
         folder = Path(given.folder) if given.folder else None
-        self._again_s = None
         try:
             self._process = LineProcess(
                 self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._receive
@@ -403,12 +370,11 @@ class Program(Unit):
 
     def _end(self) -> None:
         process, self._process = self._process, None
-        self._again_s = None
         if process is not None:
             process.end()
 
-    def _ended(self, process: LineProcess, status: int) -> None:
-        """The program has ended by itself, or was killed: start it again, stay ended, or be at fault."""
+    def _ended(self, status: int) -> None:
+        """The program has ended by itself, or was killed."""
         self._reason = f"{self.parameters.command[0]} {how_it_ended(status)}"
         self._end()
         if self._was_halted:
@@ -417,14 +383,7 @@ class Program(Unit):
         elif status == 0:
             logger.info("%s: %s", self.env.plugin, self._reason)
         else:
-            if time.monotonic() - process.started_s > STEADY_S:
-                self._restarts = 0
-            if self.parameters.restart == "no" or self._restarts >= self.parameters.restart_limit:
-                raise ProgramEnded(self.env.plugin, self._reason)
-            self._restarts += 1
-            wait_s = backoff_s(self._restarts, BACKOFF_S, LONGEST_BACKOFF_S)
-            self._again_s = time.monotonic() + wait_s
-            logger.warning("%s: %s, and is started again in %g s", self.env.plugin, self._reason, wait_s)
+            raise ProgramEnded(self.env.plugin, self._reason)
 
     def _running(self) -> LineProcess:
         process = self._process
