@@ -96,23 +96,19 @@ class Action:
 
 
 class Actions:
-    """The actions of one plugin. May be used from any thread.
+    """The actions of one plugin, of which a new one supersedes the one before. May be used from any thread.
 
     Args:
         env: the plugin's; it notifies the desk when the plugin ends or is halted.
         progress: called with each action's progress.
         finished: called with each action's end.
-        several: whether actions run in parallel; if not, a new one supersedes the one before.
 
     """
 
-    def __init__(
-        self, env: "Environment", progress: Event[ActionProgress], finished: Event[ActionEnd], *, several: bool = False
-    ) -> None:
+    def __init__(self, env: "Environment", progress: Event[ActionProgress], finished: Event[ActionEnd]) -> None:
         self._env = env
         self._progress = progress
         self._finished = finished
-        self._several = several
         self._lock = threading.Lock()
         self._running: dict[str, Action] = {}
         # As the coordinator's epochs: a plugin that starts again, or another instance, does not reuse an id.
@@ -124,7 +120,7 @@ class Actions:
         with self._lock:
             self._count += 1
             action = Action(ActionId(f"{name}-{self._count}"), self._env, self._progress, self._end)
-            before = [] if self._several else list(self._running.values())
+            before = list(self._running.values())
             self._running[action.id] = action
         for other in before:
             other.supersede(self._env.caller or action.id)

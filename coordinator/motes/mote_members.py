@@ -44,19 +44,17 @@ from robrain.protocol.reasons import DeadlinePassed, PlainReason, RobotOut, Robo
 LISTEN_S = 0.2
 """After a reading, for messages of a robot."""
 LEAST_LEFT_J = 1e-3
-HOP_RECEIVE_J = LISTEN_A * CELL_V * PACKET_BITS / BITS_PER_S
-"""Energy of another mote to receive a packet that it forwards. A packet that robots receive directly has one hop."""
 
 
-def reading_j(hops: int = 1) -> float:
-    """Energy of one reading for the motes: to sense, store and send it over `hops`, and to listen for an answer.
+def reading_j() -> float:
+    """Energy of one reading for the motes: to sense, store and send it, and to listen for an answer.
 
     >>> round(1e3 * reading_j(), 2)
     8.77
     """
     send_j = SEND_A * CELL_V * PACKET_BITS / BITS_PER_S
     own_j = CELL_V * (SENSE_A * SENSE_S + LOG_A * LOG_S + LISTEN_A * LISTEN_S)
-    return own_j + hops * send_j + (hops - 1) * HOP_RECEIVE_J
+    return own_j + send_j
 
 
 def mote_remaining_j(voltage_v: float) -> float:

@@ -131,8 +131,6 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
     near: tuple[float, float] | None = None
     """Around which place the robots start, metres, arena frame; None: where the scenario has it, the same place for
     teams of all sizes."""
-    revise_s: float | None = None
-    """Period in which robots may be given another goal; None: as planning has it."""
     time_limit_s: float = 900.0
     with_sight: bool = False
     """Whether `sight_s` is computed, which needs some seconds."""
@@ -141,8 +139,6 @@ class ExplorationCase(msgspec.Struct, frozen=True, kw_only=True):
         """The scenario of the run (RobrainError if the map cannot be read)."""
         found = Scenario.from_map(self.path) if self.path else Scenario.builtin(self.map)
         policy = msgspec.structs.replace(found.planning, exploration=self.strategy)
-        if self.revise_s is not None:
-            policy = msgspec.structs.replace(policy, revise_s=self.revise_s)
         changes: dict[str, object] = {"planning": policy, "until_explored": UNTIL, "time_limit_s": self.time_limit_s}
         if self.near is not None:
             changes["near"] = Point2D(*self.near)

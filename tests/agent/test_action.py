@@ -26,8 +26,8 @@ OVEN = """
         finished = Event[ActionEnd](outside=True)
 
         def init(self):
-            self.actions = Actions(self.env, self.progress, self.finished, several={several})
-            self.baked = {{}}
+            self.actions = Actions(self.env, self.progress, self.finished)
+            self.baked = {}
 
         @external
         def bake(self, steps: int) -> str:
@@ -51,8 +51,8 @@ OVEN = """
 """
 
 
-def oven(bench, *, several=False):
-    bench.code("oven", OVEN.format(several=several))
+def oven(bench):
+    bench.code("oven", OVEN)
     bench.manifest("oven", "oven:Oven")
     bench.inbox = Inbox()
     bench.wire.subscribe(bench.inbox, ROBOT_EVENT)
@@ -161,12 +161,12 @@ class Env:
 class Heard:
     """A desk, and all that it has told."""
 
-    def __init__(self, *, several):
+    def __init__(self):
         self.env, plugin, self.mailbox = Env(), Plugin(), Mailbox(10_000)
         self.progress, self.ends = [], []
         plugin.progress.add(self.progress.append, self.mailbox)
         plugin.finished.add(self.ends.append, self.mailbox)
-        self.desk = Actions(self.env, plugin.progress, plugin.finished, several=several)
+        self.desk = Actions(self.env, plugin.progress, plugin.finished)
 
 
 steps = st.lists(
@@ -174,15 +174,15 @@ steps = st.lists(
 )
 
 
-@given(st.booleans(), steps)
-def test_each_action_ends_exactly_once_whatever_is_called_when(several, steps):
-    heard = Heard(several=several)
+@given(steps)
+def test_each_action_ends_exactly_once_whatever_is_called_when(steps):
+    heard = Heard()
     actions = []
     for step, number in steps:
         heard.env.clock.advance_to(heard.env.clock.now_ns() + to_ns(0.05))
         if step == "start":
             actions.append(heard.desk.start("act"))
-            assert several or heard.desk.running() == [actions[-1]]
+            assert heard.desk.running() == [actions[-1]]
         elif step == "all":
             heard.desk.cancel_all("enough")
         elif actions:
@@ -211,7 +211,7 @@ def test_each_action_ends_exactly_once_whatever_is_called_when(several, steps):
 
 def test_of_threads_that_end_one_action_together_one_has_its_way():
     for _ in range(50):
-        heard = Heard(several=False)
+        heard = Heard()
         action = heard.desk.start("act")
         gate = threading.Barrier(3)
 

@@ -210,12 +210,10 @@ class RobotVerdict(msgspec.Struct, frozen=True, kw_only=True):
         reason: RobotReason | None = None,
         *,
         chosen: bool = False,
-        distance_m: float | None = None,
         energy_j: float | None = None,
     ) -> "RobotVerdict":
         """A verdict whose text is that of its reason."""
-        return cls(robot=robot, chosen=chosen, refusal=sentence_of(reason), reason=reason, distance_m=distance_m,
-                   energy_j=energy_j)  # fmt: skip
+        return cls(robot=robot, chosen=chosen, refusal=sentence_of(reason), reason=reason, energy_j=energy_j)
 
 
 class RemedyKind(StrEnum):

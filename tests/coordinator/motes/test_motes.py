@@ -340,7 +340,3 @@ def test_share_is_of_what_a_member_has_left():
     state = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), energy=MODEL)
     assert robot_cost(state, Point2D(0.0, 0.0), 10.0) == (pytest.approx(10.0 * 8.0 / 60_000.0), 80.0)
     assert robot_cost(RobotState(robot="r1"), PLACE, 1.0) == (float("inf"), None)
-
-
-def test_more_hops_take_more_of_the_network():
-    assert reading_j(1) < reading_j(2) < reading_j(3)

@@ -7,7 +7,6 @@ from robrain.coordinator.parts.charge_schedule import schedule_charges
 from robrain.coordinator.parts.charging import MOVED_NS, MOVED_SHARE, TO_SOC, Charging, _is_same_schedule
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge
-from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -19,6 +18,7 @@ from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
+from tests.coordinator.planning.recorded_plans import plan_again
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, model, run
 
 DOCKS = (Point2D(3.5, 2.5), Point2D(8.5, 2.5), Point2D(8.5, 5.5), Point2D(3.5, 5.5))

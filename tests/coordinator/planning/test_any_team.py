@@ -10,7 +10,6 @@ from robrain.algorithms.allocation.auction import repaired
 from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
-from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import TASK_PROBLEM
@@ -22,6 +21,7 @@ from robrain.protocol.model.tasks.stock_kinds import Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.conftest import Team
+from tests.coordinator.planning.recorded_plans import plan_again
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
 pytestmark = pytest.mark.slow

@@ -12,9 +12,9 @@ from robrain.coordinator.planning.live_planner import TRIES, Done, LivePlanner, 
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot
-from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D
+from tests.coordinator.planning.recorded_plans import plan_again
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, until
 

@@ -9,8 +9,8 @@ import pytest
 from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.lab.recorded_plans import plan_again
 from robrain.protocol.registry import Registry
+from tests.coordinator.planning.recorded_plans import plan_again
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.coordinator.planning.test_plan_solver import job, problem
 from tests.installed_distributions import install  # noqa: F401 - a fixture

@@ -9,10 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.lab.recorded_plans import costs_again, plan_again, replay_decisions
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import TASK_ESTIMATES, TASK_PROBLEM, PlanProblem
-from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -20,6 +18,7 @@ from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.provenance import Provenance
 from robrain.recording.writer.recorder import Recorder
 from tests.coordinator.conftest import Team
+from tests.coordinator.planning.recorded_plans import plan_again, replay_decisions
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
 
 PROVENANCE = Provenance(scenario="room", scenario_toml="", seed=1, map_png=b"", drive="lockstep", team="default")
@@ -45,24 +44,6 @@ def test_a_recorded_run_decides_the_same_again(team, tmp_path):
     assert len(plans) > 5
     assert all(plan.is_same for plan in plans)
     assert plans[0].recorded.cause.endswith("more")
-
-
-def test_costs_of_a_recorded_plan_are_those_of_the_answer_at_that_moment(team):
-    inbox = Inbox(100, every=True)
-    team.endpoint().subscribe(inbox, TASK_PROBLEM)
-    for name, x_m in (("r1", 4.0), ("r2", 8.5)):
-        team.robot(name, x_m)
-    team.closed_room()
-    team.run(1.0)
-    team.submit(Task(id="a", kind="visit", place=Point2D(4.5, 4.0)), earliest_in_s=60.0)
-    team.run(0.1)
-    problem = inbox.drain()[-1].message
-    first, second = costs_again(problem, "a")
-    assert (first.robot, first.chosen, second.robot, second.chosen) == ("r1", True, "r2", False)
-    now = team.ask(TASK_EXPLAIN, TaskRequest(id="a"), TaskExplanation).robots
-    assert [one.path_m for one in (first, second)] == pytest.approx([one.path_m for one in now], abs=0.02)
-    with pytest.raises(ValueError, match="expected a plan with the task b"):
-        costs_again(problem, "b")
 
 
 def test_another_question_is_decided_otherwise(team):

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from robrain.lab.recorded_plans import replay_decisions
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.scenarios.scenario import Scenario
+from tests.coordinator.planning.recorded_plans import replay_decisions
 
 
 @pytest.mark.slow

@@ -6,14 +6,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.algorithms.allocation.explain import explain
-from robrain.algorithms.allocation.plan import make_plan
 from robrain.coordinator.planning.plan_passes import STOCK_PASSES
 from robrain.coordinator.planning.plan_search import PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import decode
 from robrain.protocol.messages.tasks.plan_messages import TASK_PROBLEM, PlanProblem
-from robrain.protocol.messages.tasks.task_messages import RobotVerdict
 from robrain.recording.reader.reading import read_messages
 
 Routes = tuple[tuple[str, tuple[str, ...]], ...]
@@ -46,24 +43,8 @@ def plan_again(problem: PlanProblem) -> Routes:
     return tuple((route.worker, route.jobs) for route in solver.plan.routes if route.stops)
 
 
-def costs_again(problem: PlanProblem, task: str) -> tuple[RobotVerdict, ...]:
-    """Each robot's cost of a task by a recorded plan, or the reason of its exclusion (ValueError if it is invalid)."""
-    asked, routes = decode(problem.question).problem(), dict(problem.routes)
-    plan = make_plan(asked, [routes.get(worker.name, ()) for worker in asked.workers], problem.objective)
-    if plan is None or task not in asked.job_index:
-        raise ValueError(f"expected a plan with the task {task}")
-    return explain(asked, plan, task)
-
-
 def replay_decisions(recording: Path) -> Iterator[ReplayedPlan]:
-    """Compute each plan of a recording again.
-
-    Equal versions of the allocators' libraries give equal plans; others may differ where two plans are equally good.
-
-    Raises:
-        RecordingError: the file does not exist, is no recording, or is damaged.
-
-    """
+    """Compute each plan of a recording again."""
     decoder = msgspec.json.Decoder(PlanProblem)
     for message in read_messages(recording):
         if TASK_PROBLEM.parse(message.topic_key) is not None:
