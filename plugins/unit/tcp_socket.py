@@ -145,8 +145,8 @@ class LineServer(socketserver.TCPServer):
         now_s = time.monotonic()
         if now_s - self._reported_s >= REPORT_S:
             self._reported_s = now_s
-            taken = f"port {self.port}: {self._max_clients} clients are connected, which are all that may be"
-            logger.warning("%s; another came from %s (%d so far)", taken, client_address[0], self.refused)
+            busy = f"port {self.port}: {self._max_clients} clients are connected, which are all that may be"
+            logger.warning("%s; another came from %s (%d so far)", busy, client_address[0], self.refused)
         with request, suppress(OSError):  # it has gone
             request.settimeout(SEND_TIMEOUT_S)
             request.sendall(as_line(f"error {ErrorCode.BUSY}: {self._max_clients} clients are connected already"))
