@@ -6,7 +6,6 @@ import re
 import types
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import is_dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -80,57 +79,32 @@ class TextForm(NamedTuple):
 
     parse: Callable[[str], Any]
     print: Callable[[Any], str]
-    to_json: Callable[[Any], Any]
-    from_json: Callable[[Any], Any]
-    schema: dict[str, Any]
 
 
 _of_fixed_types: dict[type, TextForm] = {}
 """Of types that take no attribute, such as `complex`; all others carry their form, so that it goes when they go."""
 
 
-def register_text_form(
-    kind: type[T],
-    parse: Callable[[str], T],
-    print: Callable[[T], str],
-    *,
-    to_json: Callable[[T], Any] | None = None,
-    from_json: Callable[[Any], T] | None = None,
-) -> None:
+def register_text_form(kind: type[T], parse: Callable[[str], T], print: Callable[[T], str]) -> None:
     """Define how a type is written, so that external functions may accept and return it (the paper's `<<` and `>>`).
+
+    The text is also the JSON form of a type that has none.
 
     Args:
         kind: the type.
         parse: makes one out of text; raises ValueError if it cannot.
         print: the text of one.
-        to_json: its JSON form; its text if absent. Structs and dataclasses need none.
-        from_json: the reverse.
 
     Raises:
-        ValueError: one of the hooks without the other, or the type has a form already that cannot be replaced.
+        ValueError: the type has a form already that cannot be replaced.
 
     """
-    own_json = _is_unknown_to_json(kind)
-    if (to_json is None) != (from_json is None):
-        raise ValueError(f"{kind.__name__}: expected both of to_json and from_json, or none")
-    if to_json is not None and not own_json:
-        raise ValueError(f"{kind.__name__} is written as JSON already; leave out to_json and from_json")
-    schema = {"title": kind.__name__}
-
-    def from_text(value: Any) -> T:
-        if not isinstance(value, str):
-            raise ValueError(f"expected text, got {type(value).__name__}")  # noqa: TRY004 - parsers raise ValueError
-        return parse(value)
-
-    if to_json is None or from_json is None:
-        form = TextForm(parse, print, print, from_text, schema | {"type": "string"})
-    else:
-        form = TextForm(parse, print, to_json, from_json, schema)
+    form = TextForm(parse, print)
     try:
         setattr(kind, TEXT_FORM_MARK, form)
     except TypeError as error:
-        if not own_json:
-            raise ValueError(f"{kind.__name__} has a text form that cannot be replaced") from error
+        if not isinstance(msgspec.inspect.type_info(kind), msgspec.inspect.CustomType):
+            raise ValueError(f"{kind.__name__} has a text form that cannot be replaced") from error  # noqa: TRY004
         _of_fixed_types[kind] = form
 
 
@@ -140,7 +114,7 @@ def encode_own(value: Any) -> Any:
     if form is None:
         kind = type(value).__name__
         raise TypeError(f"Encoding objects of type {kind} is unsupported; register_text_form({kind}, …) teaches it")
-    return form.to_json(value)
+    return form.print(value)
 
 
 def decode_own(kind: Any, value: Any) -> Any:
@@ -148,21 +122,16 @@ def decode_own(kind: Any, value: Any) -> Any:
     form = _form_of(kind)
     if form is None:
         raise TypeError(_unknown(kind))
-    return _foreign(form.from_json, value, kind)
+    if not isinstance(value, str):
+        raise ValueError(f"expected text, got {type(value).__name__}")  # noqa: TRY004 - msgspec takes it for invalid
+    return _foreign(form.parse, value, kind)
 
 
 def schema_of_own(kind: Any) -> dict[str, Any]:
     """The `schema_hook` of msgspec: JSON Schema of a type (TypeError if it is not registered)."""
-    form = _form_of(kind)
-    if form is None:
+    if _form_of(kind) is None:
         raise TypeError(_unknown(kind))
-    return form.schema
-
-
-def _is_unknown_to_json(kind: type) -> bool:
-    if issubclass(kind, msgspec.Struct) or is_dataclass(kind):
-        return False
-    return isinstance(msgspec.inspect.type_info(kind), msgspec.inspect.CustomType)
+    return {"title": kind.__name__, "type": "string"}
 
 
 def _form_of(kind: Any) -> TextForm | None:

@@ -305,13 +305,12 @@ class IsolatedPlugin(Plugin):
             raise self._crashed(child, self._gone_reason)
 
 
-def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limits | None = None) -> type[Plugin]:
+def isolated_class(plugin_class: type[Plugin], manifest: Manifest) -> type[Plugin]:
     """The class that the host uses instead of `plugin_class`, for `isolation = "process"`.
 
     Args:
         plugin_class: the plugin's real class. Its module is imported here as well, its instances live elsewhere.
         manifest: the plugin's, from which its process imports the class.
-        limits: how long it may take, and how much memory; from the manifest if None.
 
     Raises:
         PluginError: the types of its functions cannot be read, or are of no use between processes.
@@ -337,7 +336,7 @@ def isolated_class(plugin_class: type[Plugin], manifest: Manifest, limits: Limit
         "period_s": plugin_class.period_s,
         "_manifest": manifest,
         "_plugin_class": plugin_class,
-        "_limits": limits if limits is not None else limits_of(manifest),
+        "_limits": limits_of(manifest),
         "_contract": contract,
     }
     return type(plugin_class.__name__, (IsolatedPlugin,), offered | own)

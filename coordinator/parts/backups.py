@@ -28,13 +28,12 @@ class Backups(CoordinatorPart):
 
     Args:
         core: the team; a journal in memory is not backed up.
-        kept: backups that stay in the folder.
 
     """
 
-    def __init__(self, core: Core, kept: int = KEPT) -> None:
+    def __init__(self, core: Core) -> None:
         super().__init__(core)
-        self._journal, self._clock, self._kept = core.tasks.journal, core.wire.clock, kept
+        self._journal, self._clock = core.tasks.journal, core.wire.clock
         self._writing = threading.Lock()
         self._is_closing = False
         core.wire.answer(COORDINATOR_BACKUP, self._back_up, serve=Serve.SHARED)
@@ -56,7 +55,7 @@ class Backups(CoordinatorPart):
             now = datetime.fromtimestamp(to_seconds(self._clock.now_ns()), UTC)
             target = backup_folder(path) / f"{now.strftime(MICROSECONDS)}{ENDING}"
             found = write_backup(self._journal.database, path, target, self._end_if_closing)
-            removed = prune_backups(target.parent, self._kept, target)
+            removed = prune_backups(target.parent, KEPT, target)
         except JournalError as error:
             logger.warning("%s", error)
             raise CallError(ErrorCode.REFUSED, str(error)) from error

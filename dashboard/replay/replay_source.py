@@ -136,7 +136,6 @@ class ReplaySource:
 
     Args:
         path: an MCAP file.
-        on_progress: called with the share of the file that has been read, 0 to 1.
         speed: of playing, recorded seconds per second.
         start_s: initial position, seconds since the first message.
 
@@ -145,21 +144,14 @@ class ReplaySource:
 
     """
 
-    def __init__(
-        self,
-        path: Path,
-        on_progress: Callable[[float], None] | None = None,
-        *,
-        speed: float = 1.0,
-        start_s: float = 0.0,
-    ) -> None:
+    def __init__(self, path: Path, *, speed: float = 1.0, start_s: float = 0.0) -> None:
         # Here: it loads kernels, for which the page of a live team does not wait.
         from robrain.recording.replay.player import Player
 
         self.path = path
         self.player = Player(path)
         self._index = ReplayIndex(self.player.start_ns)
-        self.player.prepare(on_progress, self._index.handle)
+        self.player.prepare(self._index.handle)
         self.view = ShownTeam()
         self._runs = 0
         self._asked: deque[Callable[[float], None]] = deque(maxlen=64)

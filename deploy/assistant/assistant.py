@@ -181,6 +181,7 @@ def _json(value: object) -> str:
 LIFE_S = 120.0
 """Chosen: long enough for a person to read or listen to the expected effect, too short for the team to change."""
 CAPACITY = 32
+"""Most orders that wait; the oldest is dropped for a new one."""
 
 
 class _Waiting(NamedTuple):
@@ -196,8 +197,6 @@ class Confirmations:
     Args:
         now_s: a clock that never goes back, seconds.
         new_token: makes a token that cannot be guessed.
-        life_s: lifetime of an order.
-        capacity: most orders that wait; the oldest is dropped for a new one.
 
     """
 
@@ -205,16 +204,11 @@ class Confirmations:
         self,
         now_s: Callable[[], float],
         new_token: Callable[[], str],
-        *,
-        life_s: float = LIFE_S,
-        capacity: int = CAPACITY,
     ) -> None:
         self.dropped = 0
         """Orders that were dropped for newer ones."""
-        self.life_s = life_s
         self._now_s = now_s
         self._new_token = new_token
-        self._capacity = capacity
         self._waiting: OrderedDict[str, _Waiting] = OrderedDict()
 
     def __len__(self) -> int:
@@ -235,11 +229,11 @@ class Confirmations:
         now_s = self._now_s()
         for token in [token for token, one in self._waiting.items() if one.until_s <= now_s]:
             del self._waiting[token]
-        while len(self._waiting) >= self._capacity:
+        while len(self._waiting) >= CAPACITY:
             self._waiting.popitem(last=False)
             self.dropped += 1
         token = self._new_token()
-        self._waiting[token] = _Waiting(who, order, plan, now_s + self.life_s)
+        self._waiting[token] = _Waiting(who, order, plan, now_s + LIFE_S)
         return token
 
     def redeem(self, token: str, who: str, order: bytes) -> Any:
@@ -380,14 +374,14 @@ class Assistant:
             return answer(CallVerdict.FAILED, [f"failed, and it may have been done: {error}"])
 
     def _rehearsed(self, found: Rehearsal, client: str, order: bytes) -> ToolAnswer:
-        token, valid_s = self._confirmations.keep(client, order, found), self._confirmations.life_s
+        token = self._confirmations.keep(client, order, found)
         lines = [
-            f"nothing has been done yet; to have it done, repeat the call within {valid_s:.0f} s, and add",
+            f"nothing has been done yet; to have it done, repeat the call within {LIFE_S:.0f} s, and add",
             f"confirm={token}",
             "this would happen:",
             *found.words,
         ]
-        return answer(CallVerdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": valid_s})
+        return answer(CallVerdict.REHEARSED, lines, {**found.values, "confirm": token, "valid_s": LIFE_S})
 
     def _write(self, call: ToolCall, number: int, found: ToolAnswer, duration_ms: float) -> None:
         try:

@@ -44,18 +44,14 @@ class AuditLog:
 
     Args:
         path: of the present file; only its owner may read it.
-        file_bytes: size at which the next file begins.
-        files: number of files that are kept.
 
     Raises:
         AuditError: it cannot be opened.
 
     """
 
-    def __init__(self, path: Path, *, file_bytes: int = FILE_BYTES, files: int = FILES) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._file_bytes = file_bytes
-        self._files = files
         self._file: BinaryIO | None = None
         try:
             self._open()
@@ -69,7 +65,7 @@ class AuditLog:
             if self._file is None:
                 self._open()
             assert self._file is not None
-            if self._file.tell() + len(line) > self._file_bytes and self._file.tell():
+            if self._file.tell() + len(line) > FILE_BYTES and self._file.tell():
                 self._rotate()
             self._file.write(line)
             self._file.flush()
@@ -94,7 +90,7 @@ class AuditLog:
 
     def _rotate(self) -> None:
         self.close()
-        for number in range(self._files - 1, 0, -1):
+        for number in range(FILES - 1, 0, -1):
             earlier = self.path if number == 1 else self._numbered(number - 1)
             if earlier.exists():
                 earlier.replace(self._numbered(number))

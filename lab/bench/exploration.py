@@ -21,6 +21,7 @@ from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.bench.figure import Figure, at_most, deterministic, show_figures, write_json
 from robrain.lab.bench.mapping_plan import (
     SHARED_MAPS,
+    BenchPlan,
     all_runs,
     check_limits,
     choose_maps,
@@ -205,46 +206,24 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
 def _made(case: ExplorationCase) -> ExplorationRun:
     scenario = case.scenario()
     result = scenario.run()
-    floor, spent = _Floor(scenario), [robot.time_use for robot in result.per_robot]
+    spent = [robot.time_use for robot in result.per_robot]
+    world, radius_m, range_m = scenario.world(), scenario.hardware.radius_m, scenario.hardware.lidar.range_max_m
+    plan, starts = world.plan, [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
+    area_m2 = float(plan.reachable(starts, least_clearance_m(radius_m)).sum()) * plan.resolution_m**2
     return ExplorationRun(
         case=case,
         explored_percent_s=result.explored_percent_s,
         explored_fraction=result.explored_fraction,
         sim_time_s=result.sim_time_s,
-        bound_s=floor.bound_s,
-        sight_s=floor.sight_s() if case.with_sight else None,
+        bound_s=bound_s(plan, starts[0], radius_m, range_m),
+        sight_s=sight_bound_s(plan, starts[0], radius_m, range_m, SPEED_M_S) if case.with_sight else None,
         distance_m=result.distance_m,
         energy_j=result.energy_j,
-        explored_m2=result.explored_fraction * floor.area_m2,
+        explored_m2=result.explored_fraction * area_m2,
         overlap=result.overlap,
         collisions=result.collisions,
         time_use=TimeUse(**{name: sum(getattr(one, name) for one in spent) for name in TimeUse.__struct_fields__}),
     )
-
-
-class _Floor:
-    """Area that a scenario's robots can reach from their starts."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        world, hardware = scenario.world(), scenario.hardware
-        starts = [Point2D(robot.start.x_m, robot.start.y_m) for robot in world.robots]
-        reachable = world.plan.reachable(starts, least_clearance_m(hardware.radius_m))
-        self.area_m2 = float(reachable.sum()) * world.plan.resolution_m**2
-        self.bound_s = bound_s(world.plan, starts[0], hardware.radius_m, hardware.lidar.range_max_m)
-        self._sight = world.plan, starts[0], hardware.radius_m, hardware.lidar.range_max_m, SPEED_M_S
-
-    def sight_s(self) -> float:
-        """The least time in which robots with the map of the floor can have seen 95 % of it."""
-        return sight_bound_s(*self._sight)
-
-
-class ExplorationPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """All runs of the benchmark."""
-
-    cases: list[ExplorationCase]
-    jobs: int
-    absent: list[str]
-    """Default maps that are not on this computer."""
 
 
 class Group(NamedTuple):
@@ -268,7 +247,7 @@ def choose(
     map_folder: Path | None = None,
     *,
     with_sight: bool = False,
-) -> ExplorationPlan:
+) -> BenchPlan[ExplorationCase]:
     """Make a plan from the options: each map with each number of robots, strategy, motion and seed.
 
     Raises:
@@ -304,10 +283,10 @@ def choose(
         for strategy in names
         for seed in drawn
     ]
-    return ExplorationPlan(cases=cases, jobs=jobs, absent=absent)
+    return BenchPlan(cases=cases, jobs=jobs, absent=absent)
 
 
-def run_bench(plan: ExplorationPlan, json_file: Path | None = None) -> None:
+def run_bench(plan: BenchPlan[ExplorationCase], json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each group of seeds, and the figures at the end.
 
     Args:

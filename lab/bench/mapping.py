@@ -31,8 +31,8 @@ from robrain.lab.bench.mapping_plan import (
     SHARED_MAPS,
     USUAL,
     WHEELS,
+    BenchPlan,
     Case,
-    MappingPlan,
     all_runs,
     errors_alone,
 )
@@ -90,7 +90,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def run_bench(plan: MappingPlan, json_file: Path | None = None) -> None:
+def run_bench(plan: BenchPlan[Case], json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each, and the figures at the end.
 
     Args:

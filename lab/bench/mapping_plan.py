@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import msgspec
 
@@ -76,10 +76,10 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
         return found.replace(robots=self.robots, seed=self.seed, hardware=hardware)
 
 
-class MappingPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """All runs of the benchmark."""
+class BenchPlan(msgspec.Struct, Generic[Asked], frozen=True, kw_only=True):
+    """All runs of a benchmark."""
 
-    cases: list[Case]
+    cases: list[Asked]
     jobs: int
     absent: list[str]
     """Default maps that are not on this computer."""
@@ -94,7 +94,7 @@ def choose(
     time_limit_s: float,
     map_folder: Path | None = None,
     conditions: str = USUAL,
-) -> MappingPlan:
+) -> BenchPlan[Case]:
     """Make a plan from the options: each map with each number of robots, seed, kind of wheels and conditions.
 
     Raises:
@@ -115,7 +115,7 @@ def choose(
         for seed in drawn
         for one in under
     ]
-    return MappingPlan(cases=cases, jobs=jobs, absent=absent)
+    return BenchPlan(cases=cases, jobs=jobs, absent=absent)
 
 
 def check_limits(jobs: int, time_limit_s: float) -> None:

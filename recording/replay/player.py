@@ -97,15 +97,10 @@ class Player:
         """The end is missing; the rest can be played."""
         return self._file.truncated
 
-    def prepare(
-        self,
-        on_progress: Callable[[float], None] | None = None,
-        on_message: Callable[[RecordedMessage], None] | None = None,
-    ) -> None:
+    def prepare(self, on_message: Callable[[RecordedMessage], None] | None = None) -> None:
         """Read the file once, so that every later `seek` is quick; without it, `seek` is slow in a long recording.
 
         Args:
-            on_progress: called with the share that has been read, 0 to 1.
             on_message: called with each message.
 
         Raises:
@@ -116,8 +111,7 @@ class Player:
         }
         self._maps = self._new_maps()
         held_bytes = 0
-        chunks = self._file.chunks
-        for number in range(len(chunks)):
+        for number in range(len(self._file.chunks)):
             for index, message in enumerate(self._file.read(number)):
                 key = message.topic_key
                 if on_message is not None:
@@ -130,8 +124,6 @@ class Player:
                     if held_bytes > HELD_BYTES_MAX:  # maybe pictures: drop the largest messages
                         largest = max(held, key=lambda key: sum(len(kept.payload) for _, kept in held[key]))
                         held_bytes -= sum(len(kept.payload) for _, kept in held.pop(largest))
-            if on_progress is not None:
-                on_progress((number + 1) / len(chunks))
         self._held = held
 
     # -- the run at a time ----------------------------------------------------------------------------------

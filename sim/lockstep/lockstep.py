@@ -68,7 +68,6 @@ class LockstepRun:
         record: MCAP file to write, or None.
         scenario: name of the scenario, for the recording.
         scenario_toml: its text, for the recording.
-        team: team whose keys are used.
         listen: loopback endpoint on which other processes, such as a dashboard, may join; None opens none.
         session: an open lockstep session to use in place of a new one; others may be on it. It is closed with the run.
         planning: objective and settings of the coordinator's planning.
@@ -90,7 +89,6 @@ class LockstepRun:
         record: Path | None = None,
         scenario: str = "",
         scenario_toml: str = "",
-        team: str = DEFAULT_TEAM,
         listen: str | None = None,
         session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
@@ -138,29 +136,29 @@ class LockstepRun:
         else:
             self._exchange = Exchange.of(self.session)
         try:
-            self._build(team, record, scenario, scenario_toml, setup)
+            self._build(record, scenario, scenario_toml, setup)
         except BaseException:
             self.close()
             raise
 
-    def _build(self, team: str, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
+    def _build(self, record: Path | None, scenario: str, scenario_toml: str, setup: RunSetup | None) -> None:
         world = self.world
         collector = GcPause()
         self._closers.append(collector.release)
-        self._watcher = self._endpoint(team)
-        manifests = manifest_texts(world, team) if record is not None else {}
+        self._watcher = self._endpoint()
+        manifests = manifest_texts(world, DEFAULT_TEAM) if record is not None else {}
         provenance = Provenance(
-            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, team, manifests, setup
+            scenario, scenario_toml, world.seed, world.map_png(), Drive.LOCKSTEP.value, DEFAULT_TEAM, manifests, setup
         )
-        self._recorder = Recorder(self._endpoint(team), record, provenance, visual=True)
+        self._recorder = Recorder(self._endpoint(), record, provenance, visual=True)
         self._closers.append(self._close_recorder)
         self._outside = self._watcher.publisher(arena_messages.ARENA_OUTSIDE)
         self._script = self._watcher.publisher(arena_messages.ARENA_SCRIPT)
         self._inbox = Inbox()
         self._watcher.subscribe(self._inbox, COORDINATOR_STATE)
         self._watcher.subscribe(self._inbox, MOTE_READING)
-        gateway_wire = None if self._radio is None else partial(self._endpoint, team)
-        self.arena = Arena(world, self._endpoint(team), gateway_wire)
+        gateway_wire = None if self._radio is None else self._endpoint
+        self.arena = Arena(world, self._endpoint(), gateway_wire)
         if self._radio is not None:
             self._radio.follow(self.arena.bodies, self._watcher)
         self.time_use = TimeUseMeter(self._poses())
@@ -380,8 +378,10 @@ class LockstepRun:
             self._closers.pop()()
         return self._summary
 
-    def _endpoint(self, team: str, party: str = EVERYWHERE) -> Endpoint:
-        endpoint = Endpoint(self.session, team, self.clock, Drive.LOCKSTEP, on_outside=self._on_outside, party=party)
+    def _endpoint(self, party: str = EVERYWHERE) -> Endpoint:
+        endpoint = Endpoint(
+            self.session, DEFAULT_TEAM, self.clock, Drive.LOCKSTEP, on_outside=self._on_outside, party=party
+        )
         self._endpoints.append(endpoint)
         self._closers.append(endpoint.close)
         return endpoint

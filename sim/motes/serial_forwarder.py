@@ -36,23 +36,23 @@ class ForwarderCounters(msgspec.Struct):
 
 
 class SerialForwarder:
-    """One robot's base station; its owner calls `step()` often. It never waits for anybody.
+    """One robot's base station, on loopback, as the protocol has no passwords.
+
+    Its owner calls `step()` often. It never waits for anybody.
 
     Args:
         endpoint: source and receiver of packets.
         robot: owner of the base station.
-        host: address to listen on; keep to loopback, as the protocol has no passwords.
-        port: 0 for a free one.
 
     Raises:
         OSError: it cannot listen there.
 
     """
 
-    def __init__(self, endpoint: Endpoint, robot: str, host: str = LOOPBACK, port: int = 0) -> None:
+    def __init__(self, endpoint: Endpoint, robot: str) -> None:
         self.robot = robot
         self.counters = ForwarderCounters()
-        self._server = socket.create_server((host, port), backlog=MAX_CLIENTS)
+        self._server = socket.create_server((LOOPBACK, 0), backlog=MAX_CLIENTS)
         self._server.setblocking(False)
         self._clients: list[_Client] = []
         self._inbox = Inbox()

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.host.command_door import Question, TextCall, parse_call, parse_command
-from robrain.agent.text_form import decode_own, encode_own, parse_argument, parse_value, print_value, register_text_form
+from robrain.agent.text_form import encode_own, parse_argument, parse_value, print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode
 
 
@@ -187,27 +187,6 @@ def test_infinite_and_undefined_numbers_have_words():
     assert math.isnan(parse_value(print_value(math.nan), float))
 
 
-def test_an_own_type_may_have_a_json_form_of_its_own():
-    class Angle:
-        def __init__(self, degrees: float) -> None:
-            self.degrees = degrees
-
-    register_text_form(
-        Angle,
-        lambda text: Angle(float(text.removesuffix("°"))),
-        lambda angle: f"{angle.degrees:g}°",
-        to_json=lambda angle: {"degrees": angle.degrees},
-        from_json=lambda value: Angle(value["degrees"]),
-    )
-    assert print_value(parse_value("90°", Angle)) == "90°"
-    encoded = msgspec.json.encode([Angle(90.0)], enc_hook=encode_own)
-    assert encoded == b'[{"degrees":90.0}]'
-    (angle,) = msgspec.json.decode(encoded, type=list[Angle], dec_hook=decode_own)
-    assert angle.degrees == 90.0
-    with pytest.raises(msgspec.ValidationError, match="expected a Angle"):
-        msgspec.json.decode(b"[3]", type=list[Angle], dec_hook=decode_own)
-
-
 def test_a_struct_may_have_a_text_form_beside_its_json():
     class Point(msgspec.Struct):
         x: int
@@ -226,10 +205,6 @@ def test_a_type_that_takes_no_attributes_can_be_registered_too():
 def test_forms_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="int has a text form that cannot be replaced"):
         register_text_form(int, int, str)
-    with pytest.raises(ValueError, match="expected both of to_json and from_json"):
-        register_text_form(Complex, Complex.parse, str, to_json=str)
-    with pytest.raises(ValueError, match="Place is written as JSON already"):
-        register_text_form(Place, Place, str, to_json=str, from_json=Place)
 
 
 def test_a_type_without_a_form_says_how_it_gets_one():

@@ -13,7 +13,6 @@ from robrain.lab.bench.exploration import (
     FULL,
     POINTS,
     ExplorationCase,
-    ExplorationPlan,
     ExplorationRun,
     bound_s,
     by_group,
@@ -23,6 +22,7 @@ from robrain.lab.bench.exploration import (
     run_case,
     table,
 )
+from robrain.lab.bench.mapping_plan import BenchPlan
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.floor_plan import FloorPlan
 
@@ -32,7 +32,7 @@ SMALL = ExplorationCase(
 )
 
 
-def chosen(**options: object) -> ExplorationPlan:
+def chosen(**options: object) -> BenchPlan[ExplorationCase]:
     words = {
         "maps": "arena_small",
         "robots": "2",

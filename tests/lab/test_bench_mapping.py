@@ -10,7 +10,7 @@ from robrain import Scenario
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import BenchReport
 from robrain.lab.bench.mapping import HEADINGS, MappedRun, figures, mapped, run_bench, run_case
-from robrain.lab.bench.mapping_plan import OWN_MAPS, Case, MappingPlan, choose
+from robrain.lab.bench.mapping_plan import OWN_MAPS, BenchPlan, Case, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.sim.lockstep.result import RunResult
 
@@ -18,7 +18,7 @@ CLINIC = OWN_MAPS / "clinic.yaml"
 SMALL = Case(map="arena_small", path="", robots=1, seed=3, wheels="exact", time_limit_s=2.0)
 
 
-def chosen(**options: object) -> MappingPlan:
+def chosen(**options: object) -> BenchPlan[Case]:
     words = {"maps": "clinic", "robots": "4", "seeds": "1", "wheels": "exact", "jobs": 1, "time_limit_s": 60.0}
     return choose(**(words | options))
 
@@ -189,7 +189,7 @@ def test_figures_are_worst_and_median_beside_their_bounds() -> None:
 @pytest.mark.slow
 def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_path: Path, capsys) -> None:
     file = tmp_path / "told.json"
-    plan = MappingPlan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])
+    plan = BenchPlan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])
     run_bench(plan, file)
     printed, said = capsys.readouterr()
     assert [line.split()[3] for line in printed.splitlines()[:3]] == ["wheels", "exact", "slipping"]
@@ -207,5 +207,5 @@ def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_pa
 
 def test_file_that_cannot_be_written_is_refused_before_the_first_run(tmp_path: Path, capsys) -> None:
     with pytest.raises(FileNotFoundError):
-        run_bench(MappingPlan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
+        run_bench(BenchPlan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
     assert "arena_small" not in capsys.readouterr().out

@@ -113,15 +113,6 @@ def test_it_makes_no_difference_whether_it_was_prepared(run: Path, prepared: Pla
     fresh.close()
 
 
-def test_preparing_tells_how_far_it_is(run: Path) -> None:
-    player = Player(run)
-    shares: list[float] = []
-    player.prepare(shares.append)
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    player.close()
-
-
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
 def test_playing_gives_every_message_once_and_in_order_when_it_is_due(run: Path, speed: float) -> None:
     player = Player(run)

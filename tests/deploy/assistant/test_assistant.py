@@ -17,7 +17,7 @@ from PIL import Image
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.client.team import Team
-from robrain.deploy.assistant import team_reader
+from robrain.deploy.assistant import assistant, audit_log, team_reader
 from robrain.deploy.assistant.arguments import ANSWER_MAX, CallVerdict, ToolAnswer, answer, harmless
 from robrain.deploy.assistant.assistant import Assistant, Confirmations, ToolCall
 from robrain.deploy.assistant.audit_log import ARGUMENTS_MAX, AuditLog, AuditRecord
@@ -311,9 +311,11 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def orders(clock: Clock) -> Confirmations:
+def orders(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Confirmations:
     numbers = itertools.count(1)
-    return Confirmations(clock, lambda: f"token-{next(numbers)}", life_s=10.0, capacity=3)
+    monkeypatch.setattr(assistant, "LIFE_S", 10.0)
+    monkeypatch.setattr(assistant, "CAPACITY", 3)
+    return Confirmations(clock, lambda: f"token-{next(numbers)}")
 
 
 def test_a_token_has_its_order_carried_out_once(orders: Confirmations) -> None:
@@ -391,9 +393,12 @@ def test_long_arguments_are_cut(tmp_path: Path) -> None:
     assert log.path.stat().st_size < 2 * ARGUMENTS_MAX
 
 
-def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_gone(tmp_path: Path) -> None:
-    line = len(msgspec.json.encode(RECORD)) + 1
-    log = AuditLog(tmp_path / "log.jsonl", file_bytes=2 * line, files=3)
+def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(audit_log, "FILE_BYTES", 2 * (len(msgspec.json.encode(RECORD)) + 1))
+    monkeypatch.setattr(audit_log, "FILES", 3)
+    log = AuditLog(tmp_path / "log.jsonl")
     for call in range(1, 10):
         log.write(msgspec.structs.replace(RECORD, call=call))
     log.close()
