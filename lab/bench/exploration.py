@@ -54,7 +54,6 @@ MOTIONS = (FULL, POINTS)
 """Fidelities of the runs."""
 SPEED_M_S = Driver.Parameters().speed_m_s
 """Top speed."""
-BOUND_PERCENTILE = 95.0
 UNTIL = 0.99
 JUDGED_PERCENT = 95
 """The share whose time is compared with the bounds."""
@@ -84,16 +83,21 @@ def sight_bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: flo
         speed_m_s: top speed.
 
     """
-    reachable = plan.reachable([start], least_clearance_m(radius_m))
-    at = np.array([plan.cell_of(start.x_m, start.y_m)], dtype=np.int64)
-    field = distance_field(reachable, np.ones(reachable.shape, np.float32), at)
-    away_m: Floats = field.astype(np.float64) * plan.resolution_m
+    reachable, away_m = _away_m(plan, start, radius_m)
     step = max(1, round(STANDPOINT_M / plan.resolution_m))
     rows, columns = np.nonzero(np.isfinite(away_m[::step, ::step]) & reachable[::step, ::step])
     seen_m = _seen_m(plan, np.stack([rows * step, columns * step], axis=1), away_m, range_m)
     lengths_m = seen_m[reachable]
     farthest_m = float(np.percentile(lengths_m[np.isfinite(lengths_m)], PERCENTILE))
     return max(0.0, farthest_m - STANDPOINT_M / math.sqrt(2.0)) / speed_m_s
+
+
+def _away_m(plan: FloorPlan, start: Point2D, radius_m: float) -> tuple[np.ndarray, Floats]:
+    """Whether robots can stand at each cell, and the length of the path to it, metres; both (rows, columns)."""
+    reachable = plan.reachable([start], least_clearance_m(radius_m))
+    at = np.array([plan.cell_of(start.x_m, start.y_m)], dtype=np.int64)
+    field = distance_field(reachable, np.ones(reachable.shape, np.float32), at)
+    return reachable, field.astype(np.float64) * plan.resolution_m
 
 
 def _seen_m(plan: FloorPlan, cells: np.ndarray, away_m: Floats, range_m: float) -> Floats:
@@ -196,10 +200,9 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
         speed_m_s: top speed.
 
     """
-    reachable = plan.reachable([start], least_clearance_m(radius_m))
-    at = np.array([plan.cell_of(start.x_m, start.y_m)], dtype=np.int64)
-    away = distance_field(reachable, np.ones(reachable.shape, np.float32), at)[reachable]
-    farthest_m = float(np.percentile(away[np.isfinite(away)], BOUND_PERCENTILE)) * plan.resolution_m
+    reachable, away_m = _away_m(plan, start, radius_m)
+    lengths_m = away_m[reachable]
+    farthest_m = float(np.percentile(lengths_m[np.isfinite(lengths_m)], PERCENTILE))
     return max(0.0, farthest_m - range_m) / speed_m_s
 
 
@@ -427,12 +430,12 @@ def _mean_s(runs: Sequence[ExplorationRun]) -> float | None:
     return sum(known) / len(known) if known and len(known) == len(times) else None
 
 
-def _interval(values: Sequence[float | None], decimals: int = 1) -> str:
+def _interval(values: Sequence[float | None]) -> str:
     """`35.1 [33.2, 37.5]`; with `(8 of 10)` if some values are missing, and a dash if all are."""
     known = [value for value in values if value is not None]
     mean = mean_interval(known)
     of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
-    return "–" if mean is None else mean.words(decimals) + of
+    return "–" if mean is None else mean.words(1) + of
 
 
 def _mean(values: Sequence[float | None], decimals: int = 1) -> str:

@@ -7,11 +7,11 @@ import msgspec
 import numpy as np
 
 from robrain.agent.event import Event
-from robrain.agent.plugin import Skill, external
+from robrain.agent.plugin import external
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import in_own_time, map_stamp_ms, merge_message, to_message, whole_map
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.plugins.skill.mapper.mapper import MapCells, Mapper, MapperCounters, MapperInterface
+from robrain.plugins.skill.mapper.mapper import AtlasSkill, Mapper, MapperCounters
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
@@ -24,7 +24,7 @@ SEEN_EVERY_M = 0.1
 NO_CIRCLES = np.empty((0, 3))
 
 
-class PointMapper(Skill):
+class PointMapper(AtlasSkill):
     """Reveals the floor around the robot, and merges the areas that the others have revealed."""
 
     class Parameters(Mapper.Parameters, frozen=True, forbid_unknown_fields=True):
@@ -33,7 +33,6 @@ class PointMapper(Skill):
         known: bool = False
         """Whether the robot has the map of the whole floor from the start."""
 
-    interface = MapperInterface
     period_s = POINT_TICK_S
     parameters: Parameters
     paused = Event[str](outside=True)
@@ -43,7 +42,6 @@ class PointMapper(Skill):
         geometry = self.parameters.geometry()
         self._atlas = SubmapAtlas(geometry)
         self._own = OccupancyGrid(geometry)
-        self._view: MapCells | None = None
         self._inbox = Inbox(capacity=4096)
         self._number = map_stamp_ms(self.env.clock.now_ns())
         """Of the robot's submap."""
@@ -74,19 +72,6 @@ class PointMapper(Skill):
                 self.env.wire.ask_into(self._inbox, ROBOT_MAP_WHOLE, ROBOT_MAP, robot=name)
         self._receive()
         self._scan()
-
-    def view(self) -> MapCells:
-        """The map as it is now."""
-        grid = self._atlas.grid
-        if self._view is None or self._view.version != grid.version:
-            self._view = MapCells(grid.version, grid.geometry, grid.classes())
-        return self._view
-
-    @external
-    def known_area_m2(self) -> float:
-        """Known area of floor and walls."""
-        grid = self._atlas.grid
-        return grid.known_count * grid.geometry.resolution_m**2
 
     @external
     def counters(self) -> MapperCounters:

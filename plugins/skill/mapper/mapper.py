@@ -91,7 +91,28 @@ WAITING_MAX = 16
 NOBODY = np.empty((0, 3))
 
 
-class Mapper(Skill):
+class AtlasSkill(Skill):
+    """Gives others the map of a team's submaps."""
+
+    interface = MapperInterface
+    _atlas: SubmapAtlas
+    _view: MapCells | None = None
+
+    def view(self) -> MapCells:
+        """The map as it is now."""
+        grid = self._atlas.grid
+        if self._view is None or self._view.version != grid.version:
+            self._view = MapCells(grid.version, grid.geometry, grid.classes())
+        return self._view
+
+    @external
+    def known_area_m2(self) -> float:
+        """Known area of floor and walls."""
+        grid = self._atlas.grid
+        return grid.known_count * grid.geometry.resolution_m**2
+
+
+class Mapper(AtlasSkill):
     """Maps the lidar's scans, publishes changes, and merges those of other robots."""
 
     class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
@@ -120,7 +141,6 @@ class Mapper(Skill):
                 max(1, round(self.height_m / self.resolution_m)),
             )
 
-    interface = MapperInterface
     period_s = 0.5
     parameters: Parameters
     paused = Event[str](outside=True)
@@ -137,7 +157,6 @@ class Mapper(Skill):
         self._frames = Frames(
             self.env.robot, self._atlas, self._graph, self._own, self._robot_places_in, lambda: self._teammates.count()
         )
-        self._view: MapCells | None = None
         self._outgoing = MapSender(self.env.robot, geometry)
         self._incoming = MapReceiver(self.env.robot, self._atlas, self._desk, self._frames)
         self._began_ns: int | None = None
@@ -183,19 +202,6 @@ class Mapper(Skill):
         if self._desk.found:
             self._closures.put(Closures(robot=self.env.robot, closures=self._desk.found[:CLOSURES_A_STEP]))
             self._desk.found.clear()
-
-    def view(self) -> MapCells:
-        """The map as it is now."""
-        grid = self._atlas.grid
-        if self._view is None or self._view.version != grid.version:
-            self._view = MapCells(grid.version, grid.geometry, grid.classes())
-        return self._view
-
-    @external
-    def known_area_m2(self) -> float:
-        """Known area of floor and walls."""
-        grid = self._atlas.grid
-        return grid.known_count * grid.geometry.resolution_m**2
 
     @external
     def counters(self) -> MapperCounters:
