@@ -1,6 +1,5 @@
 """`robrain bench`: measurements that anybody can repeat, each figure beside the bound that it is to keep."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,20 +9,11 @@ from robrain.deploy.command_line.command_group import SIMULATE
 from robrain.deploy.command_line.options import JsonOption, NearOption
 from robrain.deploy.command_line.output import print_json, print_result
 
-BENCHES = {
-    "allocation": "task allocation: gap to the best known solution of a public routing instance",
-    "exploration": "exploration strategies and team sizes on map files: full runs beside points",
-    "motes": "lifetime of a mote field: routes beside their bound, robots as mules beside a collection tree",
-    "mapping": "accuracy of maps and positions: teams explore map files in lockstep",
-    "estimates": "accuracy of estimates: predicted ends and energies of tasks beside the real ones",
-    "log": "accuracy of a trajectory: a public lidar log through localisation and mapper",
-}
-"""Name, and subject of the measurement."""
-
 bench_app = typer.Typer(
     rich_help_panel=SIMULATE,
     name="bench",
     help="Run benchmarks; each figure is shown beside its bound.",
+    no_args_is_help=True,
     rich_markup_mode=None,
 )
 
@@ -41,19 +31,7 @@ MapFolderOption = Annotated[
 JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs and figures to this file.")]
 
 
-@bench_app.callback(invoke_without_command=True)
-def benches(
-    context: typer.Context, names: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False
-) -> None:
-    """Run benchmarks; each figure is shown beside its bound."""
-    if names:
-        for name, what in BENCHES.items():
-            sys.stdout.write(f"{name:<12}{what}\n")
-    elif context.invoked_subcommand is None:
-        sys.stdout.write(context.get_help() + "\n")
-
-
-@bench_app.command(help=BENCHES["allocation"])
+@bench_app.command()
 def allocation(
     instance: Annotated[Path, typer.Option(help="The public instance: VRPLIB .vrp, or Solomon .txt.")],
     best: Annotated[
@@ -63,7 +41,7 @@ def allocation(
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Solve a public instance by the optimal allocator."""
+    """Measure the gap of task allocation to the best known solution of a public routing instance."""
     import time
 
     from robrain.algorithms.allocation.optimal import OptimalAllocator
@@ -91,7 +69,7 @@ def allocation(
         print_result(f"note: {result.remark}")
 
 
-@bench_app.command(help=BENCHES["mapping"])
+@bench_app.command()
 def mapping(
     maps: MapsOption = None,
     robots: RobotsOption = "1,2,4,8,16",
@@ -105,14 +83,14 @@ def mapping(
     map_folder: MapFolderOption = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure the accuracy of maps and positions."""
+    """Measure the accuracy of maps and positions: teams explore map files in lockstep."""
     from robrain.lab.bench.mapping import run_bench
     from robrain.lab.bench.mapping_plan import choose
 
     run_bench(choose(maps, robots, seeds, wheels, jobs, time_limit_s, map_folder, conditions), json_file)
 
 
-@bench_app.command(help=BENCHES["exploration"])
+@bench_app.command()
 def exploration(
     maps: MapsOption = None,
     robots: RobotsOption = "1,2,4,8",
@@ -132,7 +110,7 @@ def exploration(
     map_folder: MapFolderOption = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Compare exploration strategies."""
+    """Compare exploration strategies and team sizes on map files: full runs beside points."""
     from robrain.deploy.command_line.scenario_choice import place_of
     from robrain.lab.bench.exploration import choose, run_bench
 
@@ -142,7 +120,7 @@ def exploration(
     run_bench(plan, json_file)
 
 
-@bench_app.command(help=BENCHES["motes"])
+@bench_app.command()
 def motes(
     methods: Annotated[
         str | None, typer.Option(help="tree, routes, mules, relief, turns, or several; default: all.")
@@ -154,13 +132,13 @@ def motes(
     jobs: JobsOption = 1,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure how long a mote field lives."""
+    """Measure the lifetime of a mote field: routes beside their bound, robots beside a collection tree."""
     from robrain.lab.bench.motes import choose, run_bench
 
     run_bench(choose(methods, seeds, count, tours_per_day, goal_days, jobs), json_file)
 
 
-@bench_app.command(help=BENCHES["estimates"])
+@bench_app.command()
 def estimates(
     scenarios: Annotated[str, typer.Option(help="Built-in scenarios, separated by commas.")] = "depot,office,hospital",
     robots: RobotsOption = "4,8",
@@ -170,13 +148,13 @@ def estimates(
     jobs: JobsOption = 1,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure how well ends and energies of tasks are predicted."""
+    """Measure the accuracy of estimates: predicted ends and energies of tasks beside the real ones."""
     from robrain.lab.bench.estimates import choose, run_bench
 
     run_bench(choose(scenarios, robots, seeds, tasks, jobs, connect), jobs, json_file)
 
 
-@bench_app.command(help=f"{BENCHES['log']}; logs in the format of CARMEN (FLASER, ROBOTLASER1, ODOM).")
+@bench_app.command()
 def log(
     log_file: Annotated[Path, typer.Argument(metavar="LOG", help="The log; it is not part of robrain.")],
     relations: Annotated[
@@ -192,7 +170,7 @@ def log(
         typer.Option("--robot", help="ROBOT.toml with parameters of driver (odometry), localisation and mapper."),
     ] = None,
 ) -> None:
-    """Measure a trajectory on a public log."""
+    """Measure the accuracy of a trajectory on a lidar log in the format of CARMEN (FLASER, ROBOTLASER1, ODOM)."""
     from robrain.lab.bench.log_bench import run_bench
 
     run_bench(log_file, relations, json_file, map_file, robot_file)

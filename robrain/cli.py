@@ -247,17 +247,11 @@ def dashboard(
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     port: PortOption = None,
-    replay: Annotated[Path | None, typer.Option(help="Show this recording instead of a live team.")] = None,
 ) -> None:
-    """Show a team, or a recording, in a browser page on 127.0.0.1."""
-    from robrain.deploy.recordings.replaying import dashboard_command, show_recording
+    """Show a team in a browser page on 127.0.0.1."""
+    from robrain.deploy.recordings.replaying import dashboard_command
 
-    if replay is not None:
-        from robrain.lab.fork.fork_child import ForkChild
-
-        show_recording(replay, ForkChild(replay), port)
-    else:
-        dashboard_command(connect, check_name("team", team), port)
+    dashboard_command(connect, check_name("team", team), port)
 
 
 @app.command(rich_help_panel=RECORDINGS)

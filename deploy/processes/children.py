@@ -165,7 +165,7 @@ def continue_with_recording(children: Children, url: str, recording: Path) -> No
 
     """
     children.stop()
-    page = StartingPage(children, ["dashboard", "--replay", str(recording), "--port", str(urlsplit(url).port)])
+    page = StartingPage(children, ["replay", str(recording), "--port", str(urlsplit(url).port)])
     while not page.url:
         time.sleep(POLL_S)
 

@@ -128,7 +128,7 @@ class ForkChild:
 
     def _url(self) -> str:
         if self._page is None:
-            self._page = StartingPage(self._children, ["dashboard", "--replay", str(self._output), "--port", "0"])
+            self._page = StartingPage(self._children, ["replay", str(self._output), "--port", "0"])
         try:
             return self._page.url
         except ChildFailed:

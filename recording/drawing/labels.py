@@ -13,13 +13,12 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def span_text(time_s: float, longest_s: float = 0.0) -> str:
-    """A duration in s, min or h; in the unit of the longest one, for tables.
+def span_text(time_s: float) -> str:
+    """A duration in s, min or h.
 
-    >>> span_text(42.0), span_text(500.0), span_text(9000.0), span_text(500.0, 9000.0)
-    ('42 s', '8 min', '2.5 h', '0.1 h')
+    >>> span_text(42.0), span_text(500.0), span_text(9000.0)
+    ('42 s', '8 min', '2.5 h')
     """
-    longest_s = max(time_s, longest_s)
-    if longest_s < 100:
+    if time_s < 100:
         return f"{time_s:.0f} s"
-    return f"{time_s / 60:.0f} min" if longest_s < 6000 else f"{min(time_s / 3600, 9999):.1f} h"
+    return f"{time_s / 60:.0f} min" if time_s < 6000 else f"{min(time_s / 3600, 9999):.1f} h"

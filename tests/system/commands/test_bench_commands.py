@@ -1,4 +1,4 @@
-"""`robrain bench`: what there is, tables and JSON, public instances."""
+"""`robrain bench`: tables and JSON, public instances."""
 
 import json
 from pathlib import Path
@@ -7,13 +7,6 @@ import pytest
 
 R101 = Path(__file__).parents[2] / "algorithms" / "allocation" / "data" / "R101_25.txt"
 pytestmark = pytest.mark.system
-
-
-def test_the_benchmarks_that_there_are_are_listed(commands) -> None:
-    done = commands.run_here("bench", "--list")
-    assert done.returncode == 0, done.stderr
-    names = "allocation exploration motes mapping estimates log"
-    assert " ".join(line.split()[0] for line in done.stdout.splitlines()) == names
 
 
 def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
