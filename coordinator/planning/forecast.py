@@ -26,17 +26,22 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 KEPT_RATIOS = 200
 """Past tasks that count."""
 PRIOR_TRAVEL_RATIOS = PRIOR_ENERGY_RATIOS = (0.95,) * 3
-PRIOR_QUEUED_RATIOS = (
-    0.37, 0.69, 0.83, 0.87, 0.91, 0.92, 0.94, 0.95, 0.96, 0.97, 0.98,
-    0.98, 0.99, 1.00, 1.01, 1.01, 1.03, 1.05, 1.09, 1.20, 4.75,
+BEGUN, NEXT, WAITING = range(3)
+"""Stages of a task: at its robot, next at a robot that sets out soon, behind other tasks."""
+PRIOR_RATIOS = (
+    (
+        0.64, 0.85, 0.89, 0.92, 0.94, 0.95, 0.96, 0.96, 0.97, 0.98, 0.98,
+        0.99, 0.99, 1.00, 1.01, 1.01, 1.03, 1.04, 1.07, 1.12, 1.72,
+    ),
+    (0.78, 0.90, 0.93, 0.96, 0.98, 0.99, 0.99, 1.00, 1.02, 1.06, 1.20),
+    (0.53, 0.72, 0.87, 0.97, 0.98, 1.00, 1.01, 1.05, 1.27, 1.74, 2.83),
 )  # fmt: skip
-PRIOR_BEGUN_RATIOS = (
-    0.64, 0.85, 0.89, 0.92, 0.94, 0.95, 0.96, 0.96, 0.97, 0.98, 0.98,
-    0.99, 0.99, 1.00, 1.01, 1.01, 1.03, 1.04, 1.07, 1.12, 1.72,
-)  # fmt: skip
-"""Ratios of actual to estimated time before any task has ended: 21 quantiles of 336 tasks in depot and office
-(`robrain bench estimates --seeds 1-2`)."""
-INTERVAL = (0.05, 0.95)
+"""By stage, ratios of actual to estimated time before any task has ended: quantiles of 336 tasks in depot and office
+(`robrain bench estimates --scenarios depot,office --seeds 1-2`)."""
+INTERVALS = ((0.05, 0.95), (0.02, 0.98), (0.02, 0.98))
+"""By stage, the quantiles that are shown as 90 % interval (chosen by those tasks: what delays one task of a queue
+delays the others too, so more ends are outside than of past ratios)."""
+SOON_NS = to_ns(5.0)
 RATIO_MAX = 10.0
 MOVED_NS = to_ns(1.0)
 SHORT_S = 1.0
@@ -59,8 +64,8 @@ class _Estimated(NamedTuple):
     """An estimate that is compared with the end of its task."""
 
     from_ns: int
-    end_ns: int
-    leave_ns: int
+    stage: int
+    times: TaskTimes
 
 
 class Forecast:
@@ -83,15 +88,13 @@ class Forecast:
         self._published: dict[str, TaskTimes] = {}
         self._steps: dict[str, PlannedStep] = {}
         """The last step of each open task that was planned before the task began."""
-        self._queued: dict[str, _Estimated] = {}
-        self._begun: dict[str, _Estimated] = {}
+        self._estimated: dict[tuple[str, bool], _Estimated] = {}
+        """The first estimate of each open task before it began, and the first one since."""
         self._travel_ratios = deque(PRIOR_TRAVEL_RATIOS, KEPT_RATIOS)
-        self._queued_ratios = deque(PRIOR_QUEUED_RATIOS, KEPT_RATIOS)
-        self._begun_ratios = deque(PRIOR_BEGUN_RATIOS, KEPT_RATIOS)
         self._energy_ratios = deque(PRIOR_ENERGY_RATIOS, KEPT_RATIOS)
         self._travel_ratio = self._energy_ratio = 1.0
-        self._queued_interval = _interval(self._queued_ratios)
-        self._begun_interval = _interval(self._begun_ratios)
+        self._ratios = [deque(ratios, KEPT_RATIOS) for ratios in PRIOR_RATIOS]
+        self._intervals = _intervals(self._ratios)
 
     def of(self, task_id: str, now_ns: int) -> TaskEstimate | None:
         """The estimate of a task, as of the last update; None if no plan includes it."""
@@ -100,7 +103,7 @@ class Forecast:
 
     def estimate(self, task_id: str, times: TaskTimes, now_ns: int) -> TaskEstimate:
         """Times as an estimate, with its interval."""
-        low, high = self._begun_interval if times.has_begun else self._queued_interval
+        low, high = self._intervals[_stage(times, now_ns)]
         ends_in_s = to_seconds(max(0, times.end_ns - now_ns))
         return TaskEstimate(
             task=task_id,
@@ -125,7 +128,7 @@ class Forecast:
 
     def update(self, plan: PlanInForce | None, now_ns: int) -> None:
         """Follow the plan in force from the present state of the team."""
-        if not (self._book.open or self._queued or self._begun):
+        if not (self._book.open or self._estimated):
             self.times = {}
             return
         self._learn()
@@ -134,9 +137,7 @@ class Forecast:
         self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
-            estimated = self._begun if times.has_begun else self._queued
-            if task not in estimated:
-                estimated[task] = _Estimated(now_ns, times.end_ns, times.leave_ns)
+            self._estimated.setdefault((task, times.has_begun), _Estimated(now_ns, _stage(times, now_ns), times))
 
     def has_moved(self) -> bool:
         """Whether a time has moved by a second, or a task has come or gone, since this was last true."""
@@ -225,25 +226,25 @@ class Forecast:
     def _learn(self) -> None:
         """Compare the estimates of tasks that have ended with what they took."""
         has_learned = False
-        for task in [name for name in (*self._queued, *self._begun) if not self._is_open(name)]:
-            queued, begun = self._queued.pop(task, None), self._begun.pop(task, None)
+        for task in [name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._is_open(name)]:
+            queued, begun = (self._estimated.pop((task, has_begun), None) for has_begun in (False, True))
             record, step = self._book.find(task), self._steps.pop(task, None)
             if record is None or record.state is not TaskState.DONE:
                 continue
             has_learned = True
-            for estimated, ratios in ((queued, self._queued_ratios), (begun, self._begun_ratios)):
-                if estimated is not None and estimated.end_ns > estimated.from_ns:
-                    ratios.append(_ratio(record.changed_ns - estimated.from_ns, estimated.end_ns - estimated.from_ns))
+            for one in (queued, begun):
+                if one is not None and one.times.end_ns > one.from_ns:
+                    ratio = _ratio(record.changed_ns - one.from_ns, one.times.end_ns - one.from_ns)
+                    self._ratios[one.stage].append(ratio)
             if begun is not None and step is not None and step.travel_s > SHORT_S:
-                actual_s = to_seconds(record.changed_ns - begun.leave_ns) - (step.service_s - HANDLING_S)
+                actual_s = to_seconds(record.changed_ns - begun.times.leave_ns) - (step.service_s - HANDLING_S)
                 self._travel_ratios.append(_ratio(actual_s, step.travel_s / self.time_margin + HANDLING_S))
                 energy_j = record.result.get("energy_j")
                 if isinstance(energy_j, float) and step.energy_j > 0:
                     self._energy_ratios.append(_ratio(energy_j, step.energy_j))
         if has_learned:
             self._travel_ratio, self._energy_ratio = median(self._travel_ratios), median(self._energy_ratios)
-            self._queued_interval = _interval(self._queued_ratios)
-            self._begun_interval = _interval(self._begun_ratios)
+            self._intervals = _intervals(self._ratios)
 
     def _is_open(self, task: str) -> bool:
         record = self._book.find(task)
@@ -266,6 +267,11 @@ def _ratio(actual: float, expected: float) -> float:
     return min(max(actual / expected, 1.0 / RATIO_MAX), RATIO_MAX)
 
 
-def _interval(ratios: deque[float]) -> tuple[float, float]:
-    low, high = np.quantile(ratios, INTERVAL)
-    return min(1.0, float(low)), max(1.0, float(high))
+def _stage(times: TaskTimes, now_ns: int) -> int:
+    return BEGUN if times.has_begun else WAITING if times.leave_ns > now_ns + SOON_NS else NEXT
+
+
+def _intervals(ratios: Sequence[deque[float]]) -> list[tuple[float, float]]:
+    """By stage, the ends of the interval as ratios to the estimated time; 1 is within."""
+    ends = (np.quantile(one, levels) for one, levels in zip(ratios, INTERVALS, strict=True))
+    return [(min(1.0, float(low)), max(1.0, float(high))) for low, high in ends]

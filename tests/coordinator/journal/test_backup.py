@@ -27,7 +27,7 @@ from robrain.coordinator.journal.backup import (
 )
 from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.parts.backups import KEPT, Backups
+from robrain.coordinator.parts.backups import Backups
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_BACKUP
@@ -334,13 +334,14 @@ def test_check_of_another_file_says_so(tmp_path, content: bytes) -> None:
 # -- asked for over the wire ----------------------------------------------------------------------------------
 
 
-def backups(endpoint: Endpoint, journal: Journal, kept: int = KEPT) -> Backups:
+def backups(endpoint: Endpoint, journal: Journal) -> Backups:
     core = SimpleNamespace(wire=endpoint, tasks=SimpleNamespace(journal=journal))
-    return Backups(core, kept)  # type: ignore[arg-type]
+    return Backups(core)  # type: ignore[arg-type]
 
 
-def test_desk_keeps_as_many_as_it_is_told_and_begins_none_once_closed(journal, path, endpoint) -> None:
-    desk = backups(endpoint, journal, kept=2)
+def test_few_backups_are_kept_and_none_is_begun_once_it_is_closed(journal, path, endpoint, monkeypatch) -> None:
+    monkeypatch.setattr(robrain.coordinator.parts.backups, "KEPT", 2)
+    desk = backups(endpoint, journal)
     told = [endpoint.ask(COORDINATOR_BACKUP) for _ in range(3)]
     assert [one.tasks for one in told] == [50, 50, 50]
     assert sorted(backup_folder(path).iterdir()) == [Path(one.path) for one in told[1:]]
