@@ -43,6 +43,8 @@ def test_tasks_of_a_robot_follow_each_other_from_the_end_that_it_reports(team):
     robot.end(TaskState.DONE)
     team.run(0.2)
     assert estimate(team, "first") is None
+    later = estimate(team, "second")  # nothing is before it any more, so its end is less uncertain
+    assert 1.5 * later.ends_high_s / later.ends_in_s < second.ends_high_s / second.ends_in_s
 
 
 def test_end_of_a_robot_that_is_stuck_moves_away_within_two_seconds_and_with_it_all_later_ends(team):
