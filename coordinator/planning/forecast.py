@@ -36,11 +36,15 @@ PRIOR_RATIOS = (
     (0.78, 0.90, 0.93, 0.96, 0.98, 0.99, 0.99, 1.00, 1.02, 1.06, 1.20),
     (0.53, 0.72, 0.87, 0.97, 0.98, 1.00, 1.01, 1.05, 1.27, 1.74, 2.83),
 )  # fmt: skip
-"""By stage, ratios of actual to estimated time before any task has ended: quantiles of 336 tasks in depot and office
-(`robrain bench estimates --scenarios depot,office --seeds 1-2`)."""
+"""Ratios of actual to estimated time before any task has ended, by stage.
+
+They are quantiles of 336 tasks of `robrain bench estimates --scenarios depot,office --seeds 1-2`.
+"""
 INTERVALS = ((0.05, 0.95), (0.02, 0.98), (0.02, 0.98))
-"""By stage, the quantiles that are shown as 90 % interval (chosen by those tasks: what delays one task of a queue
-delays the others too, so more ends are outside than of past ratios)."""
+"""Quantiles that are shown as 90 % interval, by stage.
+
+They were chosen by the same tasks. A delay of one task delays the tasks behind it, so more ends are outside.
+"""
 SOON_NS = to_ns(5.0)
 RATIO_MAX = 10.0
 MOVED_NS = to_ns(1.0)
