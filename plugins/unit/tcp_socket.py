@@ -121,7 +121,8 @@ class LineServer(socketserver.TCPServer):
     @property
     def clients(self) -> int:
         """Number of connected clients."""
-        return len(self._clients)
+        with self._guard:
+            return len(self._clients)
 
     def close(self) -> None:
         """Stop listening, disconnect all clients, and wait for their threads."""
