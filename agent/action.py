@@ -96,7 +96,7 @@ class Action:
 
 
 class Actions:
-    """The actions of one plugin, of which a new one supersedes the one before. May be used from any thread.
+    """The actions of one plugin. A new action supersedes the running one. May be used from any thread.
 
     Args:
         env: the plugin's; it notifies the desk when the plugin ends or is halted.

@@ -61,7 +61,6 @@ LOCK_TIMEOUT_S = 2.0
 """How long is waited for another coordinator, which may be just ending, to leave the file."""
 EPOCH_BLOCK = 1000
 KEPT_OWN = 1000
-HISTORY_MAX = 100
 KEPT_ASKED = 100_000
 """Ended tasks that stay in the journal: those of the coordinator's own making, and those that were asked for."""
 PRUNE_EVERY = 500
@@ -307,11 +306,11 @@ class Journal:
         text = f"SELECT record FROM task WHERE {' AND '.join(where)} ORDER BY number DESC LIMIT {max(0, wanted.limit)}"
         return self._records(text, *values)[::-1]
 
-    def history(self, task_id: str) -> list[TaskChange]:
+    def history(self, task_id: str, limit: int = 100) -> list[TaskChange]:
         """The last changes of a task, oldest first."""
         rows = self._db.execute(
             f"SELECT number, {CHANGE_COLUMNS} FROM change WHERE task = ? ORDER BY number DESC LIMIT ?",
-            (task_id, HISTORY_MAX),
+            (task_id, limit),
         ).fetchall()
         return [
             TaskChange(number=number, stamp_ns=stamp_ns, state=TaskState(state), robot=robot, epoch=epoch, why=text,

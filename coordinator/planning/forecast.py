@@ -26,19 +26,16 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 KEPT_RATIOS = 200
 """Past tasks that count."""
 PRIOR_TRAVEL_RATIOS = PRIOR_ENERGY_RATIOS = (0.95,) * 3
-BEGUN, NEXT, WAITING = range(3)
-"""Stages of a task: at its robot, next at a robot that sets out soon, behind other tasks."""
+BEGUN, NEXT, LATER = range(3)
+"""Stages of a task: its robot has begun it, its robot sets out soon, its robot sets out later."""
 PRIOR_RATIOS = (
-    (
-        0.64, 0.85, 0.89, 0.92, 0.94, 0.95, 0.96, 0.96, 0.97, 0.98, 0.98,
-        0.99, 0.99, 1.00, 1.01, 1.01, 1.03, 1.04, 1.07, 1.12, 1.72,
-    ),
+    (0.87, 0.93, 0.95, 0.97, 0.98, 0.99, 0.99, 1.00, 1.02, 1.04, 1.11),
     (0.78, 0.90, 0.93, 0.96, 0.98, 0.99, 0.99, 1.00, 1.02, 1.06, 1.20),
     (0.53, 0.72, 0.87, 0.97, 0.98, 1.00, 1.01, 1.05, 1.27, 1.74, 2.83),
-)  # fmt: skip
+)
 """Ratios of actual to estimated time before any task has ended, by stage.
 
-They are quantiles of 336 tasks of `robrain bench estimates --scenarios depot,office --seeds 1-2`.
+They are quantiles of 672 tasks of `robrain bench estimates --scenarios depot,office`, seeds 1, 2, 103 and 104.
 """
 INTERVALS = ((0.05, 0.95), (0.02, 0.98), (0.02, 0.98))
 """Quantiles that are shown as 90 % interval, by stage.
@@ -46,6 +43,7 @@ INTERVALS = ((0.05, 0.95), (0.02, 0.98), (0.02, 0.98))
 They were chosen by the same tasks. A delay of one task delays the tasks behind it, so more ends are outside.
 """
 SOON_NS = to_ns(5.0)
+"""Time that is soon, for the stages."""
 RATIO_MAX = 10.0
 MOVED_NS = to_ns(1.0)
 SHORT_S = 1.0
@@ -60,7 +58,7 @@ class TaskTimes(NamedTuple):
     arrive_ns: int
     end_ns: int
     energy_j: float
-    has_begun: bool
+    stage: int
     is_late: bool = False
 
 
@@ -68,7 +66,6 @@ class _Estimated(NamedTuple):
     """An estimate that is compared with the end of its task."""
 
     from_ns: int
-    stage: int
     times: TaskTimes
 
 
@@ -92,8 +89,8 @@ class Forecast:
         self._published: dict[str, TaskTimes] = {}
         self._steps: dict[str, PlannedStep] = {}
         """The last step of each open task that was planned before the task began."""
-        self._estimated: dict[tuple[str, bool], _Estimated] = {}
-        """The first estimate of each open task before it began, and the first one since."""
+        self._estimated: dict[tuple[str, int], _Estimated] = {}
+        """The first estimate of each open task in each stage."""
         self._travel_ratios = deque(PRIOR_TRAVEL_RATIOS, KEPT_RATIOS)
         self._energy_ratios = deque(PRIOR_ENERGY_RATIOS, KEPT_RATIOS)
         self._travel_ratio = self._energy_ratio = 1.0
@@ -107,7 +104,7 @@ class Forecast:
 
     def estimate(self, task_id: str, times: TaskTimes, now_ns: int) -> TaskEstimate:
         """Times as an estimate, with its interval."""
-        low, high = self._intervals[_stage(times, now_ns)]
+        low, high = self._intervals[times.stage]
         ends_in_s = to_seconds(max(0, times.end_ns - now_ns))
         return TaskEstimate(
             task=task_id,
@@ -141,7 +138,7 @@ class Forecast:
         self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
-            self._estimated.setdefault((task, times.has_begun), _Estimated(now_ns, _stage(times, now_ns), times))
+            self._estimated.setdefault((task, times.stage), _Estimated(now_ns, times))
 
     def has_moved(self) -> bool:
         """Whether a time has moved by a second, or a task has come or gone, since this was last true."""
@@ -191,7 +188,7 @@ class Forecast:
         end_ns = now_ns + to_ns(remaining_s)
         arrive_ns = end_ns - to_ns(service_s)
         return TaskTimes(
-            record.robot, record.changed_ns, arrive_ns, end_ns, 0.0 if step is None else step.energy_j, has_begun=True
+            record.robot, record.changed_ns, arrive_ns, end_ns, 0.0 if step is None else step.energy_j, BEGUN
         )
 
     def _waiting(
@@ -219,7 +216,8 @@ class Forecast:
         start_ns = max(start_ns, arrive_ns)
         end_ns = start_ns + to_ns(steps[0][1].service_s - HANDLING_S)
         energy_j = sum(step.energy_j for _, step in steps)
-        return TaskTimes(steps[0][0], leave_ns, arrive_ns, end_ns, energy_j, has_begun=False)
+        stage = NEXT if leave_ns <= now_ns + SOON_NS else LATER
+        return TaskTimes(steps[0][0], leave_ns, arrive_ns, end_ns, energy_j, stage)
 
     def _travel_s(self, step: PlannedStep) -> float:
         return self._travel_ratio * (step.travel_s / self.time_margin + HANDLING_S)
@@ -231,15 +229,16 @@ class Forecast:
         """Compare the estimates of tasks that have ended with what they took."""
         has_learned = False
         for task in [name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._is_open(name)]:
-            queued, begun = (self._estimated.pop((task, has_begun), None) for has_begun in (False, True))
+            estimates = [self._estimated.pop((task, stage), None) for stage in (BEGUN, NEXT, LATER)]
             record, step = self._book.find(task), self._steps.pop(task, None)
             if record is None or record.state is not TaskState.DONE:
                 continue
             has_learned = True
-            for one in (queued, begun):
+            for one in estimates:
                 if one is not None and one.times.end_ns > one.from_ns:
                     ratio = _ratio(record.changed_ns - one.from_ns, one.times.end_ns - one.from_ns)
-                    self._ratios[one.stage].append(ratio)
+                    self._ratios[one.times.stage].append(ratio)
+            begun = estimates[BEGUN]
             if begun is not None and step is not None and step.travel_s > SHORT_S:
                 actual_s = to_seconds(record.changed_ns - begun.times.leave_ns) - (step.service_s - HANDLING_S)
                 self._travel_ratios.append(_ratio(actual_s, step.travel_s / self.time_margin + HANDLING_S))
@@ -262,17 +261,13 @@ def _judged(times: TaskTimes, task: Task) -> TaskTimes:
 
 def _differs(one: TaskTimes, other: TaskTimes) -> bool:
     moved_ns = max(abs(one.arrive_ns - other.arrive_ns), abs(one.end_ns - other.end_ns))
-    names = (one.robot, one.has_begun, one.is_late), (other.robot, other.has_begun, other.is_late)
+    names = (one.robot, one.stage, one.is_late), (other.robot, other.stage, other.is_late)
     return names[0] != names[1] or moved_ns >= MOVED_NS
 
 
 def _ratio(actual: float, expected: float) -> float:
     """The ratio, within limits: robots report what they want."""
     return min(max(actual / expected, 1.0 / RATIO_MAX), RATIO_MAX)
-
-
-def _stage(times: TaskTimes, now_ns: int) -> int:
-    return BEGUN if times.has_begun else WAITING if times.leave_ns > now_ns + SOON_NS else NEXT
 
 
 def _intervals(ratios: Sequence[deque[float]]) -> list[tuple[float, float]]:

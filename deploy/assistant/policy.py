@@ -38,7 +38,7 @@ class Ban(StrEnum):
         "drive",
         "an assistant never moves a robot itself: submit a task, and the team decides who does it and how",
     )
-    UNKNOWN_TOOL = "unknown_tool", "there is no such tool: a person does all that the tools do not"
+    UNKNOWN_TOOL = "unknown_tool", "there is no such tool; ask a person to do it"
     NO_PLUGIN = "no_plugin", "the robot has no such plugin: see list_plugins"
     NO_FUNCTION = "no_function", "the plugin has no such function: see list_plugins"
     NOT_OPEN = (

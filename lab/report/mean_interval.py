@@ -96,7 +96,7 @@ def paired_difference(first: Mapping[int, float], second: Mapping[int, float]) -
         difference=difference,
         share_lower=sum(each < 0 for each in differences) / len(differences),
         share_higher=sum(each > 0 for each in differences) / len(differences),
-        p=_p_value(differences),
+        p=_p_value(differences, difference.mean),
     )
 
 
@@ -114,9 +114,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _p_value(differences: Sequence[float]) -> float | None:
-    if len(differences) < 2:
+def _p_value(differences: Sequence[float], mean: float) -> float | None:
+    count = len(differences)
+    if count < 2:
         return None
-    if len(set(differences)) == 1:  # no variance, for which scipy has no value
-        return 0.0 if differences[0] else 1.0
-    return float(stats.ttest_1samp(differences, 0.0).pvalue)
+    error = math.sqrt(math.fsum((each - mean) ** 2 for each in differences) / (count - 1) / count)
+    if error == 0.0:
+        return 1.0 if mean == 0.0 else 0.0
+    return float(2 * stats.t.sf(abs(mean) / error, count - 1))

@@ -9,8 +9,8 @@ A manifest of your own, `NAME.toml`, with
     command = ["bc", "--quiet"]
 
 makes it the plugin NAME: `robrain call ROBOT NAME send '"1+2"'`, or from a plugin of a higher level
-`env.use("NAME", ProgramInterface).send("1+2")`. As many programs as there are manifests. A program that fails is a
-fault of its plugin; with `restart = "on-failure"` in [tag] it is started again.
+`env.use("NAME", ProgramInterface).send("1+2")`. Each manifest makes one program. A program that fails is a fault of
+its plugin; with `restart = "on-failure"` in [tag] it is started again.
 """
 
 import logging
@@ -341,7 +341,7 @@ class Program(Unit):
 
     @external
     def state(self) -> ProgramState:
-        """Whether the program runs, and how it ended last."""
+        """Whether the program runs, or how it ended."""
         process = self._process
         return ProgramState(
             pid=process.pid if process is not None and process.status is None else None,

@@ -82,6 +82,8 @@ REPORT_S = 10.0
 SEND_TIMEOUT_S = 5.0
 """Time after which a client that reads no answer is disconnected."""
 POLL_S = 0.1
+BACKLOG = 128
+MOMENT_S = 1e-3
 CLOSE_TIMEOUT_S = 2.0
 """A command that takes longer when the server closes is abandoned."""
 
@@ -101,9 +103,6 @@ class LineServer(socketserver.TCPServer):
 
     """
 
-    allow_reuse_address = True
-    request_queue_size = 128
-
     def __init__(self, host: str, port: int, execute: Callable[[str], str], *, max_clients: int, idle_s: float) -> None:
         self._execute = execute
         self._max_clients = max_clients
@@ -113,8 +112,10 @@ class LineServer(socketserver.TCPServer):
         """Number of clients disconnected because `max_clients` were connected."""
         self._reported_s = -math.inf
         self._guard = threading.Lock()
-        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        super().__init__((host, port), socketserver.BaseRequestHandler)
+        super().__init__((host, port), socketserver.BaseRequestHandler, bind_and_activate=False)
+        self.socket.close()
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self.socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
         self.port: int = self.socket.getsockname()[1]
         self._thread = OwnedThread(f"tcp-{self.port}", self.serve_forever, POLL_S)
 
@@ -136,6 +137,19 @@ class LineServer(socketserver.TCPServer):
                     client.shutdown(socket.SHUT_RDWR)
         close_threads(clients.values(), CLOSE_TIMEOUT_S)
 
+    def get_request(self) -> Any:
+        """Accept a client; wait a little if there are too many open files."""
+        try:
+            return super().get_request()
+        except OSError as error:
+            logger.warning("no connection on port %d: %s", self.port, error)
+            time.sleep(POLL_S)
+            raise
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Log the error of a client that could not be welcomed."""
+        logger.exception("no connection from %s on port %d", client_address[0], self.port)
+
     def process_request(self, request: Any, client_address: Any) -> None:
         """Serve a client on a thread, if there is a place."""
         with self._guard:
@@ -154,11 +168,12 @@ class LineServer(socketserver.TCPServer):
 
     def _serve(self, client: socket.socket) -> None:
         conversation = Conversation(self._execute)
-        silence_s = min(FIRST_COMMAND_S, self._idle_s)
+        ends_s = time.monotonic() + min(FIRST_COMMAND_S, self._idle_s)
+        has_spoken = False
         try:
             with client:
-                while received := self._received(client, silence_s):
-                    silence_s = self._idle_s if b"\n" in received else silence_s
+                while received := self._received(client, None if has_spoken else ends_s):
+                    has_spoken = has_spoken or b"\n" in received
                     self._send(client, conversation.feed(received))
                 self._send(client, conversation.end())
         except OSError as error:
@@ -167,8 +182,8 @@ class LineServer(socketserver.TCPServer):
             with self._guard:
                 del self._clients[client]
 
-    def _received(self, client: socket.socket, silence_s: float) -> bytes:
-        client.settimeout(silence_s)
+    def _received(self, client: socket.socket, ends_s: float | None) -> bytes:
+        client.settimeout(self._idle_s if ends_s is None else max(ends_s - time.monotonic(), MOMENT_S))
         return client.recv(MAX_LINE_BYTES)
 
     def _send(self, client: socket.socket, answers: Iterable[bytes]) -> None:
@@ -190,7 +205,7 @@ class TcpSocket(Unit):
         """0 takes a free port, which `port()` returns and the log names."""
         max_clients: PositiveInt = 32
         idle_s: Positive = 600.0
-        """Time of silence after which a client is disconnected."""
+        """Time of silence after which a client is disconnected; it must give its first command within 10 s."""
 
     parameters: Parameters
 

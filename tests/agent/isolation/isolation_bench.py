@@ -76,7 +76,8 @@ class IsolationBench:
         path.write_text(f'[plugin]\nclass = "{module}:Vision"\n{tag}', encoding="utf-8")
         manifest = read_manifest(path)
         plugin_class = import_code(msgspec.structs.replace(manifest, tag=TagTable())).plugin_class
-        isolated = isolated_class(plugin_class, manifest, limits or PATIENT)
+        isolated: Any = isolated_class(plugin_class, manifest)
+        isolated._limits = limits or PATIENT
         given = msgspec.convert(parameters or {}, isolated.Parameters)
         plugin = isolated(self.env, given)
         self.plugins.append(plugin)

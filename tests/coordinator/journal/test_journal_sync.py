@@ -122,9 +122,9 @@ def test_task_that_cannot_be_written_is_not_there_and_nothing_of_it_stays(journa
 
 def test_history_is_cut_to_the_last_changes_and_the_last_changed_tasks_to_their_number(journal: Journal) -> None:
     record = journal.accept(queued("t1"))
-    for number in range(105):
+    for number in range(5):
         record = journal.change(msgspec.structs.replace(record, why=f"reason {number}"))
-    assert [line.why for line in journal.history("t1")] == [f"reason {number}" for number in range(5, 105)]
+    assert [line.why for line in journal.history("t1", 2)] == ["reason 3", "reason 4"]
     journal.accept(queued("t2"))
     assert [one.task.id for one in journal.last_changed(1)] == ["t2"]
 

@@ -110,6 +110,20 @@ def test_a_client_that_says_nothing_for_long_is_cut_off(listening):
         assert client.line() == b""
 
 
+def test_a_client_without_a_command_is_cut_off_soon_and_others_stay(listening, monkeypatch):
+    monkeypatch.setattr(server, "FIRST_COMMAND_S", 0.2)
+    plugin = listening()
+    with Client(plugin) as spoken, Client(plugin) as trickling:
+        assert spoken.ask("first") == "ok first"
+
+        def trickle() -> None:
+            with contextlib.suppress(OSError):
+                trickling.send(b"x")
+
+        until(lambda: plugin.clients() == 1, step=trickle)
+        assert spoken.ask("second") == "ok second"
+
+
 def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
     monkeypatch.setattr(server, "SEND_TIMEOUT_S", 0.05)
     plugin = listening()
