@@ -22,7 +22,6 @@ FRESH_V, FLAT_V = 3.1, 2.1
 """Voltage of full and of empty cells."""
 READINGS_PER_REQUEST = 32
 """Stored readings that a robot asks for with one request and acknowledges with one packet."""
-DAY_S = 86_400.0
 
 
 class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,17 +45,13 @@ class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):
     """To send the packets from which routes are made."""
     beacon_receive_j: float
 
-    def lasts_days(self, power_w: float) -> float:
-        """Lifetime of fresh cells at a mean power."""
-        return self.capacity_j / power_w / DAY_S
-
 
 def mica2(duty: float = 0.01) -> MoteEnergy:
     """A Mica2 whose radio listens for this share of the time, at moments that its neighbours know.
 
     >>> energy = mica2()
-    >>> round(1e3 * energy.send_j, 2), round(1e3 * energy.receive_j, 2), round(energy.lasts_days(energy.awake_w))
-    (1.19, 1.03, 474)
+    >>> round(1e3 * energy.send_j, 2), round(1e3 * energy.receive_j, 2), round(energy.awake_w, 6)
+    (1.19, 1.03, 0.00066)
     """
     packet_s, overhead_s = PACKET_BITS / BITS_PER_S, OVERHEAD_BITS / BITS_PER_S
     send_w, listen_w = SEND_A * CELL_V, LISTEN_A * CELL_V

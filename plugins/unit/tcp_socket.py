@@ -82,8 +82,6 @@ REPORT_S = 10.0
 SEND_TIMEOUT_S = 5.0
 """Time after which a client that reads no answer is disconnected."""
 POLL_S = 0.1
-BACKLOG = 128
-MOMENT_S = 1e-3
 CLOSE_TIMEOUT_S = 2.0
 """A command that takes longer when the server closes is abandoned."""
 
@@ -115,7 +113,7 @@ class LineServer(socketserver.TCPServer):
         super().__init__((host, port), socketserver.BaseRequestHandler, bind_and_activate=False)
         self.socket.close()
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self.socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
+        self.socket = socket.create_server((host, port), family=family, backlog=128)
         self.port: int = self.socket.getsockname()[1]
         self._thread = OwnedThread(f"tcp-{self.port}", self.serve_forever, POLL_S)
 
@@ -183,7 +181,7 @@ class LineServer(socketserver.TCPServer):
                 del self._clients[client]
 
     def _received(self, client: socket.socket, ends_s: float | None) -> bytes:
-        client.settimeout(self._idle_s if ends_s is None else max(ends_s - time.monotonic(), MOMENT_S))
+        client.settimeout(self._idle_s if ends_s is None else max(ends_s - time.monotonic(), 1e-3))
         return client.recv(MAX_LINE_BYTES)
 
     def _send(self, client: socket.socket, answers: Iterable[bytes]) -> None:
