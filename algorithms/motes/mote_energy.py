@@ -22,6 +22,7 @@ FRESH_V, FLAT_V = 3.1, 2.1
 """Voltage of full and of empty cells."""
 READINGS_PER_REQUEST = 32
 """Stored readings that a robot asks for with one request and acknowledges with one packet."""
+DAY_S = 86_400.0
 
 
 class MoteEnergy(msgspec.Struct, frozen=True, kw_only=True):

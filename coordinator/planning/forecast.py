@@ -62,13 +62,6 @@ class TaskTimes(NamedTuple):
     is_late: bool = False
 
 
-class _Estimated(NamedTuple):
-    """An estimate that is compared with the end of its task."""
-
-    from_ns: int
-    times: TaskTimes
-
-
 class Forecast:
     """Estimates of all open tasks.
 
@@ -89,8 +82,8 @@ class Forecast:
         self._published: dict[str, TaskTimes] = {}
         self._steps: dict[str, PlannedStep] = {}
         """The last step of each open task that was planned before the task began."""
-        self._estimated: dict[tuple[str, int], _Estimated] = {}
-        """The first estimate of each open task in each stage."""
+        self._estimated: dict[tuple[str, int], tuple[int, TaskTimes]] = {}
+        """The first estimate of each open task in each stage, and when it was made."""
         self._travel_ratios = deque(PRIOR_TRAVEL_RATIOS, KEPT_RATIOS)
         self._energy_ratios = deque(PRIOR_ENERGY_RATIOS, KEPT_RATIOS)
         self._travel_ratio = self._energy_ratio = 1.0
@@ -138,7 +131,7 @@ class Forecast:
         self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
-            self._estimated.setdefault((task, times.stage), _Estimated(now_ns, times))
+            self._estimated.setdefault((task, times.stage), (now_ns, times))
 
     def has_moved(self) -> bool:
         """Whether a time has moved by a second, or a task has come or gone, since this was last true."""
@@ -234,13 +227,13 @@ class Forecast:
             if record is None or record.state is not TaskState.DONE:
                 continue
             has_learned = True
-            for one in estimates:
-                if one is not None and one.times.end_ns > one.from_ns:
-                    ratio = _ratio(record.changed_ns - one.from_ns, one.times.end_ns - one.from_ns)
-                    self._ratios[one.times.stage].append(ratio)
+            for from_ns, times in filter(None, estimates):
+                if times.end_ns > from_ns:
+                    ratio = _ratio(record.changed_ns - from_ns, times.end_ns - from_ns)
+                    self._ratios[times.stage].append(ratio)
             begun = estimates[BEGUN]
             if begun is not None and step is not None and step.travel_s > SHORT_S:
-                actual_s = to_seconds(record.changed_ns - begun.times.leave_ns) - (step.service_s - HANDLING_S)
+                actual_s = to_seconds(record.changed_ns - begun[1].leave_ns) - (step.service_s - HANDLING_S)
                 self._travel_ratios.append(_ratio(actual_s, step.travel_s / self.time_margin + HANDLING_S))
                 energy_j = record.result.get("energy_j")
                 if isinstance(energy_j, float) and step.energy_j > 0:
