@@ -142,7 +142,7 @@ def motes(
 def estimates(
     scenarios: Annotated[str, typer.Option(help="Built-in scenarios, separated by commas.")] = "depot,office,hospital",
     robots: RobotsOption = "4,8",
-    seeds: SeedsOption = "101-102",
+    seeds: SeedsOption = "105-106",
     tasks: Annotated[int, typer.Option(help="Number of tasks in each run.", min=1)] = 42,
     connect: Annotated[str | None, typer.Option(help="Endpoint of a live team on this floor, tcp/HOST:PORT.")] = None,
     jobs: JobsOption = 1,
