@@ -60,12 +60,13 @@ def test_a_closure_found_by_the_mate_says_the_same_as_one_found_by_the_robot(anc
     """The scan's place in both frames is the same, whoever made it; the difference has no direction here."""
     seen_from_mate = mate.inverse().compose(sensor.compose(wrong))
     even = np.diag((400.0, 400.0, 2500.0))
+    hundredth = 0.01 / 400.0  # of the closure's variance
     graphs = walked(anchor), walked(anchor)
     graphs[0].close(10, sensor, MATE, seen_from_mate, even)
     graphs[1].add_robot_closure(10, sensor, MATE, seen_from_mate, even)
     found = [graph.solve(at(mate), no_doubt) or {10: IDENTITY} for graph in graphs]
     assert found[0][10].compose(anchor).distance_m(found[1][10].compose(anchor)) < 0.012
-    assert graphs[0].own[10].covariance == pytest.approx(graphs[1].own[10].covariance, rel=0.05, abs=1e-5)
+    assert graphs[0].own[10].covariance == pytest.approx(graphs[1].own[10].covariance, rel=0.05, abs=hundredth)
 
 
 def test_a_closure_with_an_old_submap_of_its_own_closes_a_loop():

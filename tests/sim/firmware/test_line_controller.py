@@ -33,8 +33,9 @@ class Line:
     def __init__(self) -> None:
         self.said: list[bytes] = []
         self._inbox = Inbox()
-        port = SerialPort(self._inbox, self.said.append)
-        self.controller = LineController(port, SilentBus(), BASE, OmniBase(), TICK_S)
+        port, bus = SerialPort(self._inbox, self.said.append), SilentBus()
+        bus.shutdown()
+        self.controller = LineController(port, bus, BASE, OmniBase(), TICK_S)
 
     def say(self, data: bytes) -> list[bytes]:
         """Send bytes, and let a tick pass; what it answers."""
