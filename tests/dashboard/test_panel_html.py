@@ -28,6 +28,7 @@ from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.dashboard.test_shown_team import tell
+from tests.energy_models import energy_model
 
 EVIL = "</b><script>alert(1)</script><img src=x onerror='alert(2)'>\" onclick=\"alert(3)"
 
@@ -74,11 +75,13 @@ def test_robot_is_told_in_figures() -> None:
     view = ShownTeam()
     battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=0.456, remaining_j=1.0)
     task = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING, why="the nearest border")
-    state = RobotState(robot="r1", pose=Pose2D(1.25, -3.0, 0.0), battery=battery, behavior="explore", task=task)
+    energy = energy_model(8.0, usable_j=5000.0, usual_power_w=10.0)
+    at = Pose2D(1.25, -3.0, 0.0)
+    state = RobotState(robot="r1", pose=at, battery=battery, energy=energy, behavior="explore", task=task)
     tell(view, robot_messages.ROBOT_STATE, state, robot="r1")
     values = Page(robots_html(view, 1.0)).values
     assert values["robot-r1-contact"].strip() == "● up"
-    assert values["robot-r1-battery"] == "46 %"
+    assert values["robot-r1-battery"] == "46 % 8 min"
     assert Page(robot_card_html(view, view.robots["r1"], 1.0)).values["robot-r1-place"] == "1.2, -3.0"
     assert values["robot-r1-behavior"] == "explore"
     assert values["robot-r1-task"] == "t1 running: the nearest border"
