@@ -99,14 +99,6 @@ def test_what_is_heard_of_a_team_becomes_its_vitals() -> None:
     assert vitals_of(view, 1.2).coordinator_up is None
 
 
-def test_summary_that_stops_is_late_though_the_coordinators_token_stands() -> None:
-    view = ShownTeam()
-    view.coordinator_up = True
-    tell(view, COORDINATOR_STATE, TeamState(robots=[]), 0.0)
-    assert vitals_of(view, 0.5).late_s == 0.0
-    assert vitals_of(view, 10.0).late_s == 9.5
-
-
 def test_map_counts_as_missing_after_a_while_and_a_patch_that_does_not_fit_for_a_while() -> None:
     view = ShownTeam()
     for at_s in (0.0, headline.MAPLESS_S + 1):

@@ -23,7 +23,6 @@ from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, LogRe
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskExplanation, TaskRecord
-from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -85,18 +84,6 @@ def test_robot_is_told_in_figures() -> None:
     assert Page(robots_html(view, 60.0)).values["robot-r1-contact"].strip() == "✕ lost"
 
 
-def test_figures_of_the_team_tell_what_is_known_and_no_more() -> None:
-    view = ShownTeam()
-    values = Page(summary_html(view, 0.0)).values
-    assert values["explored"] == "0 m²"
-    assert (values["sim-time"], values["speed"], values["coordinator"]) == ("–", "–", "lost")
-    assert "halt-state" not in Page(strip_html(view, 0.0)).values
-    tell(view, ARENA_TRUTH, ArenaTruth(sim_time_s=75.0, robots=[], explored_fraction=0.42))
-    view.coordinator_up = True
-    values = Page(summary_html(view, 0.0)).values
-    assert (values["explored"], values["sim-time"], values["coordinator"]) == ("42.0 %", "1:15", "up")
-
-
 def test_halt_is_told_with_how_many_obey() -> None:
     view = ShownTeam()
     tell(view, robot_messages.ROBOT_STATE, RobotState(robot="r1", halted=True), robot="r1")
@@ -104,12 +91,6 @@ def test_halt_is_told_with_how_many_obey() -> None:
     tell(view, HALT, Halt(halted=True, by="dashboard", reason="smoke"))
     told = Page(strip_html(view, 0.0)).values["halt-state"]
     assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots report that they are halted."
-
-
-def test_lost_link_is_told_before_all_else() -> None:
-    view = ShownTeam()
-    view.connected = False
-    assert "connection" in Page(strip_html(view, 0.0)).values
 
 
 TRACEBACK = """Traceback (most recent call last):

@@ -62,14 +62,6 @@ def test_team_is_held_together_by_its_strongest_links_alone() -> None:
     assert team_links(team(r1=1.0), NOW_S) == []
 
 
-def test_link_of_a_lost_robot_is_not_drawn() -> None:
-    view = team(r1=1.0, r2=2.0)
-    tell(view, "r1", r2=-60.0)
-    view.robots["r2"].present = False
-    assert team_links(view, NOW_S) == []
-    assert links_of_robot(view, "r1", NOW_S) == []
-
-
 def test_selected_robot_shows_all_that_it_hears() -> None:
     view = team(r1=1.0, r2=2.0)
     for name, x_m in (("m1", -1.0), ("m2", -2.0), ("m3", -3.0)):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from robrain.dashboard.html.team_html import task_text
-from robrain.dashboard.state.shown_robot import SILENT_AFTER_S, TRAIL_POINTS, RobotContact, ShownRobot
+from robrain.dashboard.state.shown_robot import SILENT_AFTER_S, TRAIL_POINTS, RobotContact
 from robrain.dashboard.state.shown_team import HISTORY_POINTS, ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
@@ -15,7 +15,7 @@ from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team import arena_messages
-from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, Scan
+from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -84,14 +84,6 @@ def test_robot_whose_token_went_is_lost_at_once_and_comes_back(view: ShownTeam) 
     assert view.robots["r1"].contact(1.0) is RobotContact.UP
 
 
-def test_robot_that_never_had_a_token_is_up_while_it_is_heard() -> None:
-    robot = ShownRobot("r1", 0)
-    assert robot.contact(0.0) is RobotContact.LOST
-    robot.last_seen_s = 5.0
-    assert robot.contact(6.0) is RobotContact.UP
-    assert robot.contact(6.0 + SILENT_AFTER_S) is RobotContact.LOST
-
-
 def test_trail_keeps_steps_and_is_bounded(view: ShownTeam) -> None:
     for centimetre in range(100):
         tell_place(view, "r1", centimetre / 100)
@@ -111,12 +103,6 @@ def test_later_statements_about_the_map_win_in_any_order(view: ShownTeam) -> Non
     tell(view, ROBOT_MAP, patch([[100]], observed_ms=3000, row=2, column=3), robot="r1")
     assert view.map.known_area_m2 == pytest.approx(5 * 0.25)
     assert view.rejected == 0
-
-
-def test_walls_are_boxes_in_the_arena_frame(view: ShownTeam) -> None:
-    tell(view, ROBOT_MAP, patch([[100, 100, 0, 100], [100, 100, 0, 0], [0, 100, 100, 0]]), robot="r1")
-    boxes = view.map.floor.wall_boxes().tolist()
-    assert boxes == [[-0.5, -1.5, 1.0, 1.0], [0.75, -1.75, 0.5, 0.5], [0.0, -0.75, 1.0, 0.5]]
 
 
 @pytest.mark.parametrize(
@@ -186,12 +172,6 @@ def sensed(sequence: int, value: float, *, via: str = "r1", taken_s: int, told_s
         mote="m1", place=None, quantity="light", value=value, voltage_v=2.9, rssi_dbm=-60, via=via,
         sequence=sequence, measured_ns=taken_s * 10**9, stamp_ns=told_s * 10**9,
     )  # fmt: skip
-
-
-def test_a_reading_that_two_robots_bring_in_is_shown_as_the_first_told_it(view: ShownTeam) -> None:
-    tell(view, MOTE_READING, sensed(5, 20.0, taken_s=100, told_s=100), mote="m1")
-    tell(view, MOTE_READING, sensed(5, 20.0, via="r2", taken_s=101, told_s=101), mote="m1")
-    assert view.motes["m1"].readings["light"].via == "r1"
 
 
 def test_an_old_reading_out_of_a_mote_s_log_does_not_take_the_place_of_a_newer_one(view: ShownTeam) -> None:
@@ -265,18 +245,3 @@ def test_robot_that_has_gone_stays_until_the_coordinator_lists_it_no_more(view: 
     assert task_text(view.robots["r1"], view) == "gone for 7 min, with visit-3"
     tell(view, COORDINATOR_STATE, TeamState(robots=[]))
     assert not view.robots
-
-
-def test_scan_belongs_to_its_robot(view: ShownTeam) -> None:
-    scan = Scan(robot="r1", angle_min_rad=0.0, angle_increment_rad=1.0, range_max_m=4.0, ranges_mm=[1000, 0])
-    tell(view, arena_messages.ARENA_SCAN, scan, robot="r1")
-    assert view.robots["r1"].scan == scan
-
-
-def test_other_topics_are_left_out(view: ShownTeam) -> None:
-    view.apply(
-        Received(robot_messages.ROBOT_IMAGE, "robrain/default/robot/r1/image/i", {"robot": "r1", "image": "i"}, b""),
-        0.0,
-    )
-    assert view.robots == {}
-    assert robot_messages.ROBOT_IMAGE not in view.topics

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from robrain.protocol.can.frames import BadFrame, FrameCodec, codec, database
 
 FRAMES = [message.name for message in database().messages]
-each = pytest.mark.parametrize("name", FRAMES)
 
 
 def signals_of(name):
@@ -67,12 +66,6 @@ def test_no_bytes_with_a_single_wrong_bit_are_decoded(drawn, data):
         codec(name).decode(bytes(sent[:-1]))
 
 
-@pytest.mark.parametrize("values", [(1.0, 2.0), (1.0, 2.0, 3.0, 4.0)])
-def test_a_frame_is_encoded_of_all_its_values_and_no_more(values):
-    with pytest.raises(TypeError, match=f"WheelCommand: expected 3 values, got {len(values)}"):
-        codec("WheelCommand").encode(0, *values)
-
-
 @pytest.mark.parametrize("speed", [33.0, -33.0, 1e9, float("nan"), float("inf")])
 def test_a_speed_that_its_field_cannot_hold_is_not_encoded_as_another(speed):
     with pytest.raises((OverflowError, ValueError)):
@@ -112,22 +105,3 @@ def test_a_frame_under_another_identifier_is_refused():
     frame = codec("WheelEncoders").pack(1, wheel_1_ticks=1, wheel_2_ticks=2, wheel_3_ticks=3)
     with pytest.raises(BadFrame, match="BatteryStatus: wrong checksum"):
         codec("BatteryStatus").unpack(frame)
-
-
-def test_the_counter_wraps_at_a_byte():
-    frame = codec("Stop").pack(259, latched=1)
-    assert codec("Stop").unpack(frame)["counter"] == 3
-
-
-def test_a_missing_signal_is_not_packed():
-    with pytest.raises(Exception, match="wheel_3_rad_s"):
-        codec("WheelCommand").pack(0, wheel_1_rad_s=1, wheel_2_rad_s=2)
-
-
-@each
-def test_every_frame_ends_with_its_counter_and_checksum(name):
-    message = database().get_message_by_name(name)
-    assert [signal.name for signal in message.signals[-2:]] == list(OWN)
-    assert [signal.length for signal in message.signals[-2:]] == [8, 8]
-    assert message.signals[-1].start == 8 * (message.length - 1)
-    assert not message.is_extended_frame

@@ -101,20 +101,6 @@ def test_an_error_comes_before_other_replies(link):
     assert told(ask(link, "a")) == ["error", ("a", b"1")]
 
 
-def test_a_reply_on_a_key_that_was_not_asked_is_refused(link):
-    refused = []
-
-    def take(query):
-        with pytest.raises(zenoh.ZError):
-            query.reply("a/c", b"1", JSON)
-        refused.append(query.key)
-        query.end()
-
-    link.queryable("a/*", take, waits=False)
-    assert told(ask(link, "a/b")) == []
-    assert refused == ["a/b"]
-
-
 def test_what_is_undeclared_is_asked_no_more(link):
     link.queryable("a", replies("a", b"1"), waits=False)
     assert told(ask(link, "a")) == [("a", b"1")]
@@ -122,13 +108,6 @@ def test_what_is_undeclared_is_asked_no_more(link):
     assert told(ask(link, "a")) == []
     link.queryable("a", replies("a", b"2"), waits=False)
     assert told(ask(link, "a")) == [("a", b"2")]
-
-
-def test_what_is_declared_later_is_asked_as_well(link):
-    link.queryable("a/b", replies("a/b", b"1"), waits=False)
-    assert told(ask(link, "a/b")) == [("a/b", b"1")]
-    link.queryable("a/*", replies("a/b", ERROR), waits=False)
-    assert told(ask(link, "a/b")) == ["error", ("a/b", b"1")]
 
 
 def test_a_query_that_is_kept_is_waited_for(link):
@@ -150,17 +129,6 @@ def test_a_query_that_is_forgotten_has_ended(link):
     asked = ask(link, "a", timeout_s=60.0)
     assert asked.in_time
     assert told(asked) == []
-
-
-def test_ending_a_query_again_does_nothing(link):
-    def take(query):
-        query.reply("a", b"1", JSON)
-        query.end()
-        query.end()
-
-    link.queryable("a", take, waits=False)
-    link.queryable("a", replies("a", ERROR), waits=False)
-    assert told(ask(link, "a")) == ["error", ("a", b"1")]
 
 
 def test_replies_may_be_taken_as_they_come(link):

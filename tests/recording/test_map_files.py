@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.cli import all_commands
-from robrain.deploy.errors import UsageError
 from robrain.deploy.recordings.recording_commands import export_map
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.recording.errors import RecordingError
@@ -88,9 +87,3 @@ def test_the_command_writes_the_map_beside_the_recording(run, tmp_path):
         "run_map.yaml",
         "run_map.pgm",
     ]
-
-
-@pytest.mark.parametrize("options", [["--at", "4"], ["--map", "--to", "html"]])
-def test_options_that_do_not_go_together_are_refused(run, options):
-    answer = CliRunner().invoke(all_commands(), ["export", str(run), *options])
-    assert isinstance(answer.exception, UsageError)

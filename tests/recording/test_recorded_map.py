@@ -50,15 +50,6 @@ def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple
     assert known_columns(view.atlas) == [3]
 
 
-def test_the_largest_map_that_a_listener_took_is_begun() -> None:
-    geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
-    view = ComposedMap()
-    view.handle(payload(5, geometry=geometry))
-    assert view.grid is not None
-    assert view.grid.geometry == geometry
-    assert known_columns(view.atlas) == [5]
-
-
 @pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
 def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
     view = ComposedMap()
@@ -70,12 +61,6 @@ def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> N
     assert known_columns(before) == [3, 4]
     assert view.grid is not None
     assert view.grid.classes()[0, 3] == OCCUPIED
-
-
-def test_a_patch_that_does_not_decode_begins_no_map() -> None:
-    view = ComposedMap()
-    view.handle(b"no json")
-    assert view.atlas is None
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:

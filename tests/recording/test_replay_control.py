@@ -70,23 +70,6 @@ def stage(run: Path) -> Iterator[Stage]:
     stage.close()
 
 
-def test_after_a_seek_listeners_know_what_they_would_have_known_then(run: Path, stage: Stage) -> None:
-    stage.replay.seek(12.0)
-    stage.step(0.1)
-    sought = stage.view()
-    other = Stage(run)
-    other.step(12.1)
-    heard = other.view()
-    other.close()
-    assert sought.map.grid is not None
-    assert heard.map.grid is not None
-    assert (sought.map.grid.classes() == heard.map.grid.classes()).all()
-    assert {name: robot.pose for name, robot in sought.robots.items()} == {
-        name: robot.pose for name, robot in heard.robots.items()
-    }
-    assert sought.explored_fraction == heard.explored_fraction
-
-
 def test_a_query_pauses_moves_and_speeds_up_and_tells_where_it_is(stage: Stage) -> None:
     stage.step(0.2)
     status = stage.ask(ReplayRequest(playing=False, seek_s=5.0, speed=4.0))
@@ -130,8 +113,3 @@ def test_keys_do_what_they_say(
     player = stage.replay.player
     assert (player.position_s, player.speed, player.playing) == (pytest.approx(position_s), speed, playing)
     assert not stage.terminal.ended
-
-
-def test_q_ends_it(stage: Stage) -> None:
-    stage.terminal.press("q")
-    assert stage.terminal.ended

@@ -38,16 +38,6 @@ def test_packet_of_the_manual_has_its_speed_angles_and_distances() -> None:
     assert decoder.counts.packets == 1
 
 
-def test_turn_ends_where_the_sensor_passes_its_front() -> None:
-    decoder = Ld19Decoder()
-    pieces = decoder.feed(3 * ld19_turn())
-    ends = [number for number, piece in enumerate(pieces) if piece.ends_turn]
-    assert len(ends) == 2
-    between = points_in(pieces[ends[0] + 1 : ends[1] + 1])
-    assert len(between) == 360
-    assert between[0][0] > between[-1][0]  # clockwise
-
-
 @pytest.mark.slow
 @settings(max_examples=66)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=40), st.data())

@@ -12,7 +12,7 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
-from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.workers import OwnedThread, close_threads
@@ -69,25 +69,6 @@ def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(
     assert str(session.keys[-1]).endswith("/r2/plugins")
 
 
-@pytest.mark.parametrize("room", [0, 1])
-def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkeypatch, room):
-    monkeypatch.setattr(zenoh_link, "DECLARED_KEYS", room)
-    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
-    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r2")
-    asker = team.join()
-    asker.session = session = KeysAsked(asker.session)
-    for name in ("r1", "r2"):
-        inbox = Inbox()
-
-        def ask(inbox=inbox, name=name):
-            asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
-            time.sleep(0.01)
-            return inbox.drain()
-
-        assert until(ask)[0].message == []
-    assert len({str(key) for key in session.keys if isinstance(key, zenoh.KeyExpr)}) == room
-
-
 def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
     publisher = team.join().publisher(ROBOT_EVENT, **EVENT)
     for number in range(5):
@@ -121,22 +102,6 @@ def test_what_counts_only_at_its_time_is_not_kept_for_late_joiners(team):
     assert {item.message.behavior for item in inbox.drain()} == {"after"}
 
 
-def test_presence_follows_tokens_across_the_network(team):
-    presence = team.join().watch(ROBOT_ALIVE)
-    robot = team.join()
-    robot.token(ROBOT_ALIVE, robot="r1")
-    changes = []
-
-    def told(count):
-        changes.extend(presence.changes())
-        return len(changes) >= count
-
-    until(lambda: told(1))
-    robot.close()
-    until(lambda: told(2))
-    assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
-
-
 @pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL, Serve.SHARED])
 def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
     def refuse(request):
@@ -147,28 +112,6 @@ def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
     with pytest.raises(CallError, match="held by driver") as refused:
         ask(operator, ROBOT_CALL, robot="r1", plugin="mocdevice", function="stop")
     assert (refused.value.code, refused.value.detail) == (ErrorCode.BUSY, "mocdevice")
-
-
-def test_in_step_queries_wait_for_serve(team):
-    robot, operator = team.join(), team.join()
-    answered_on = []
-
-    def answer(_):
-        answered_on.append(threading.get_ident())
-        return "now"
-
-    robot.answer(ROBOT_CALL, answer, serve=Serve.IN_STEP, robot="r1")
-    replies = []
-    asker = threading.Thread(
-        target=lambda: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function="f"))
-    )
-    asker.start()
-    until(lambda: len(robot._pending) > 0)
-    assert answered_on == []
-    robot.serve()
-    asker.join(PATIENCE_S)
-    assert replies == [b'"now"']
-    assert answered_on == [threading.get_ident()]
 
 
 def test_the_pool_answers_several_at_a_time(team):

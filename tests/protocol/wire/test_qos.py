@@ -24,11 +24,6 @@ CLASSES = (
 """Rows whose order matters most, most urgent first."""
 
 
-def test_urgencies_are_listed_in_the_order_of_zenohs_priorities():
-    names = [str(PRIORITY[urgency]).rpartition(".")[2].lower() for urgency in Urgency]
-    assert names == [str(urgency) for urgency in Urgency]
-
-
 def test_halts_go_before_commands_before_states_before_telemetry_before_maps_before_pictures():
     order = list(Urgency)
     ranks = [{order.index(row.urgency) for row in rows} for rows in CLASSES]
@@ -53,11 +48,3 @@ def test_what_is_urgent_is_not_batched_and_the_priority_is_that_of_the_table(row
         return
     assert options["priority"] == PRIORITY[row.urgency]
     assert options["express"] == (row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH))
-
-
-def test_whoever_commands_is_urgent_and_no_telemetry_is():
-    low = {Urgency.DATA, Urgency.DATA_LOW, Urgency.BACKGROUND}
-    late = [row.name for row in all_rows() if isinstance(row, Query) and not row.reads_only and row.urgency in low]
-    assert late == []
-    rows = (row for row in all_rows() if isinstance(row, Topic) and row.rate_hz and row.encoding == "application/json")
-    assert [row.name for row in rows if row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH)] == []
