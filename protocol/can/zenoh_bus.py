@@ -27,9 +27,9 @@ from robrain.protocol.can.payload import (
     IDENTIFIER,
     NO_STAMP,
     NODE,
-    REMOTE,
     STAMP,
     data_in,
+    flagged_identifier,
     is_fd,
     pack_fd,
     unpack,
@@ -269,15 +269,10 @@ class ZenohBus(can.BusABC):
         """
         if self._is_shutdown:
             raise self._shut_down()
-        identifier = msg.arbitration_id
-        if not 0 <= identifier <= ID_MASK:
-            raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {identifier:#x}")
-        if msg.is_extended_id:
-            identifier |= EXTENDED
-        if msg.is_remote_frame:
-            identifier |= REMOTE
-        if msg.is_error_frame:
-            identifier |= ERROR
+        if not 0 <= msg.arbitration_id <= ID_MASK:
+            got = f"{msg.arbitration_id:#x}"
+            raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {got}")
+        identifier = flagged_identifier(msg)
         stamp_ns = self._now_ns() if self._now_ns is not None else 0
         if msg.is_fd:
             payload = self._pack_fd(msg, stamp_ns, identifier)

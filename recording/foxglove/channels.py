@@ -46,7 +46,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
-from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.messages.team.team_messages import HALT, Halt
@@ -442,7 +442,7 @@ class FoxgloveChannels:
                 yield VisualMessage(visual_topics.TRANSFORMS, transforms(poses), now_ns)
         if self._is_due("scans", SCANS_NS, now_ns):
             with_points = self._is_due("points", 2 * SCANS_NS, now_ns)
-            for scan in self._drain(ARENA_SCAN, Scan):
+            for scan in self._drain(ARENA_SCAN):
                 channel = visual_topics.of_robot(scan.robot, "scan")
                 yield VisualMessage(channel, laser_scan(scan, scan.stamp_ns), now_ns)
                 if with_points:
@@ -471,7 +471,7 @@ class FoxgloveChannels:
         return True
 
     def _decode_states(self) -> None:
-        for state in self._drain(ROBOT_STATE, RobotState):
+        for state in self._drain(ROBOT_STATE):
             self._decoded[state.robot] = state
             self._indices.setdefault(state.robot, len(self._indices))
             if state.pose is not None:
@@ -491,12 +491,14 @@ class FoxgloveChannels:
                 yield VisualMessage(visual_topics.of_robot(state.robot, "battery"), _battery(state), now_ns)
 
     def _marks(self, now_ns: int) -> Iterator[VisualMessage]:
-        for path in self._drain(ROBOT_PATH, PlannedPath):
+        for path in self._drain(ROBOT_PATH):
             channel = visual_topics.of_robot(path.robot, "path")
             yield VisualMessage(channel, poses_in_frame(path.points, path.stamp_ns, z_m=0.05), now_ns)
         received = self._latest[MOTE_READING.name]
         if received and self._is_due("motes", 2 * MARKS_NS, now_ns):
-            readings = [reading for payload in received.values() if (reading := self._decode(payload, MoteReading))]
+            readings = [
+                reading for payload in received.values() if (reading := MOTE_READING.payloads.read_if_valid(payload))
+            ]
             entities = [entity for reading in readings if (entity := mote_entity(reading, now_ns))]
             if readings:
                 yield VisualMessage(visual_topics.MOTES, scene_update(entities, now_ns), now_ns)
@@ -528,7 +530,7 @@ class FoxgloveChannels:
     def _received_lines(self, now_ns: int) -> Iterator[VisualMessage]:
         lines, self._lines = self._lines, []
         for topic, payload in lines:
-            message = None if topic.message is None else self._decode(payload, topic.message)
+            message = topic.payloads.read_if_valid(payload)
             if isinstance(message, TaskEvent):
                 line = self._handle_task(message)
             elif isinstance(message, LogRecord):
@@ -552,19 +554,12 @@ class FoxgloveChannels:
         level = "warning" if event.state in ("failed", "lost_contact") else "info"
         return log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{reason}")
 
-    def _drain(self, topic: Topic[Any], kind: type[Kind]) -> Iterator[Kind]:
+    def _drain(self, topic: Topic[Kind]) -> Iterator[Kind]:
         """The latest messages of a topic, which are then forgotten."""
         payloads, self._latest[topic.name] = self._latest[topic.name], {}
         for payload in payloads.values():
-            message = self._decode(payload, kind)
-            if message is not None:
+            if (message := topic.payloads.read_if_valid(payload)) is not None:
                 yield message
-
-    def _decode(self, payload: bytes, kind: type[Kind]) -> Kind | None:
-        try:
-            return msgspec.json.decode(payload, type=kind)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            return None
 
 
 def _battery(state: RobotState) -> BatteryPlot:

@@ -71,24 +71,6 @@ def test_what_is_typed_becomes_arguments_and_what_is_left_out_stays_out() -> Non
     assert msgspec.convert(arguments, Arguments).place == Point2D(1.0, -2.0)
 
 
-@pytest.mark.parametrize(
-    ("typed", "said"),
-    [
-        ({}, "distance_m: expected a number, got nothing"),
-        ({"distance_m": "far"}, "distance_m: expected a number, got 'far'"),
-        ({"distance_m": "inf"}, "distance_m: expected a number, got 'inf'"),
-        ({"distance_m": "1"}, "place.x_m: expected a number, got nothing"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "times": "1.5"}, "times: expected a whole number"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "mode": "x"}, "mode: expected a choice of fast, slow"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "points": "[["}, "points: expected a value in JSON"),
-    ],
-)
-def test_mistake_names_the_field(typed: dict[str, str], said: str) -> None:
-    with pytest.raises(ValueError, match="expected") as mistake:
-        arguments_of(FIELDS, typed)
-    assert str(mistake.value).startswith(said)
-
-
 @given(st.dictionaries(st.sampled_from([field.label for field in FIELDS]), st.text(max_size=12)))
 def test_whatever_is_typed_becomes_arguments_or_a_mistake_that_names_a_field(typed: dict[str, str]) -> None:
     mistake = ""

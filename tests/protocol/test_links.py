@@ -78,14 +78,6 @@ def test_where_nobody_answers_there_is_no_reply_and_no_wait(link):
     assert told(asked) == []
 
 
-def test_of_several_replies_to_one_key_one_counts(link):
-    link.queryable("a/*", replies("a/b", b"1", b"2"), waits=False)
-    assert told(ask(link, "a/b")) == [("a/b", b"2")]
-    for _ in range(3):
-        link.queryable("c", replies("c", b"x"), waits=False)
-    assert told(ask(link, "c")) == [("c", b"x")]
-
-
 def test_a_key_expression_asks_all_that_it_holds(link):
     for key in ("a/b", "a/c", "b/b"):
         link.queryable(key, replies(key, key.encode()), waits=False)
@@ -129,15 +121,6 @@ def test_a_query_that_is_forgotten_has_ended(link):
     asked = ask(link, "a", timeout_s=60.0)
     assert asked.in_time
     assert told(asked) == []
-
-
-def test_replies_may_be_taken_as_they_come(link):
-    taken = []
-    link.queryable("a", replies("a", b"1"), waits=False)
-    link.ask_then("a", b"x", taken.append)
-    assert taken == [("a", b"1", False, False)]
-    link.ask_then("nobody", None, taken.append)
-    assert len(taken) == 1
 
 
 def test_puts_reach_the_inboxes_of_their_keys_until_they_are_undeclared():

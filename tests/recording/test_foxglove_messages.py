@@ -5,22 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model import grid_geometry as cells
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.drawing.palette import (
     FREE,
-    HALTED,
-    LOST,
     OCCUPIED,
     UNKNOWN,
-    style_of,
 )
-from robrain.recording.foxglove import channels as foxglove_scene
 from robrain.recording.foxglove import channels as make
 
 
@@ -40,10 +34,6 @@ def xyz(of: Any) -> tuple[float, float, float]:
     return round(of.x, 9), round(of.y, 9), round(of.z, 9)
 
 
-def rgba(color: Any) -> tuple[int, int, int, float]:
-    return round(255 * color.r), round(255 * color.g), round(255 * color.b), color.a
-
-
 def floor() -> OccupancyGrid:
     """Half metres from (10, 20): a free, an occupied and an unknown column, two rows."""
     grid = OccupancyGrid(GridGeometry(0.5, 10.0, 20.0, 3, 2))
@@ -59,14 +49,6 @@ def test_a_stamp_is_the_nearest_that_can_be_told(stamp_ns: int, told_ns: int) ->
     assert make.timestamp(stamp_ns).ToNanoseconds() == told_ns
 
 
-def test_a_scan_spans_the_angles_of_its_beams() -> None:
-    found = make.laser_scan(scan(1000, 0, 2500, angle_min_rad=-1.0, angle_increment_rad=0.5), 7)
-    assert (found.start_angle, found.end_angle) == (-1.0, 0.0)
-    assert list(found.ranges) == [1.0, math.inf, 2.5]
-    assert (found.frame_id, found.timestamp.nanos) == ("r1", 7)
-    assert xyz(found.pose.position) == (0.0, 0.0, 0.1)
-
-
 def test_the_hits_of_a_scan_are_points_in_the_robots_frame() -> None:
     found = make.scan_points(scan(1, 0, 2000, 3000), 7)
     assert (found.frame_id, found.timestamp.nanos) == ("r1", 7)
@@ -74,13 +56,6 @@ def test_the_hits_of_a_scan_are_points_in_the_robots_frame() -> None:
     assert floats(found) == pytest.approx(np.array(expected), abs=1e-6)
     assert xyz(found.pose.position) == (0.0, 0.0, 0.0)
     assert found.pose.orientation.w == 1.0
-
-
-def test_the_middles_of_occupied_cells_are_points() -> None:
-    found = make.wall_points(floor(), 7)
-    assert (found.frame_id, found.timestamp.nanos) == ("arena", 7)
-    assert floats(found).tolist() == [[10.75, 20.25, 0.0], [10.75, 20.75, 0.0]]
-    assert xyz(found.pose.position) == (0.0, 0.0, 0.0)
 
 
 def test_the_map_is_a_grid_of_colours_of_which_the_unknown_is_clear() -> None:
@@ -98,25 +73,4 @@ def test_the_map_is_a_grid_of_colours_of_which_the_unknown_is_clear() -> None:
     assert drawn[:, 2].tolist() == [[*UNKNOWN, 0]] * 2
 
 
-@pytest.mark.parametrize(
-    ("level", "told"),
-    [("debug", Log.DEBUG), ("INFO", Log.INFO), ("warning", Log.WARNING), ("Error", Log.ERROR), ("critical", Log.FATAL),
-     ("loud", Log.INFO)],
-)  # fmt: skip
-def test_a_line_of_a_log_has_its_level(level: str, told: int) -> None:
-    found = make.log(7, level, "r1 scan", "no lidar")
-    assert (found.level, found.name, found.message, found.timestamp.nanos) == (told, "r1 scan", "no lidar", 7)
-
-
 # -- entities of the scene --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("halted", "lost", "color", "text"),
-    [(True, "", HALTED, "r1 HALTED"), (True, "x", HALTED, "r1 HALTED"), (False, "x", LOST, "r1 lost"),
-     (False, "", style_of(0).color, "r1")],
-)  # fmt: skip
-def test_a_robot_that_is_halted_or_lost_looks_so(halted: bool, lost: str, color: Any, text: str) -> None:
-    entity = foxglove_scene.robot_entity(RobotState(robot="r1", halted=halted, lost=lost), 0, 0)
-    assert rgba(entity.cylinders[0].color) == (*color, 1.0)
-    assert entity.texts[0].text == text

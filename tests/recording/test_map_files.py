@@ -14,14 +14,6 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.export.map_server_files import write_grid
 from robrain.recording.replay.player import Player
 from robrain.sim.maps.map_server import load_map
-from robrain.sim.scenarios.scenario import Scenario
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    path = tmp_path_factory.mktemp("map") / "run.mcap"
-    Scenario.builtin("arena_small").replace(robots=2, seed=3).run(record=path, time_limit_s=6.0)
-    return path
 
 
 def write_map(recording, path, at_s=None):
@@ -72,7 +64,7 @@ def test_nothing_is_overwritten_and_nothing_half_written_left(run, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["floor.pgm"]
 
 
-@pytest.mark.parametrize("at_s", [-1.0, 7.0, float("nan")])
+@pytest.mark.parametrize("at_s", [-1.0, 99.0, float("nan")])
 def test_a_time_that_the_recording_does_not_have_is_refused(run, tmp_path, at_s):
     with pytest.raises(RecordingError, match=r"--at .*: expected 0 to"):
         write_map(run, tmp_path / "floor.yaml", at_s)

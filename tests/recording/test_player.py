@@ -16,20 +16,11 @@ from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
-from robrain.sim.scenarios.scenario import Scenario
-from tests.recording.stage import write_mcap
+from tests.recording.stage import RUN_S, write_mcap
 
 pytestmark = pytest.mark.slow
 
 NS_PER_S = 1_000_000_000
-RUN_S = 25.0
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("player") / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=RUN_S, record=path)
-    return path
 
 
 @pytest.fixture(scope="module")

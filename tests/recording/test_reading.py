@@ -83,18 +83,6 @@ def test_a_file_cut_anywhere_gives_its_first_messages_and_its_provenance(recordi
     assert len(seen) > 5
 
 
-def test_the_info_of_a_truncated_file_is_of_what_is_there(recording: Path) -> None:
-    whole = recording_info(recording)
-    truncated = cut(recording, recording.stat().st_size * 6 // 10)
-    info = recording_info(truncated)
-    messages = list(read_messages(truncated))
-    assert info.truncated
-    assert 0 < info.messages == len(messages) < whole.messages
-    assert info.counts == {key: sum(message.topic_key == key for message in messages) for key in LOG_KEYS.values()}
-    assert info.duration_s == pytest.approx((messages[-1].log_time_ns - START_NS) / 1e9)
-    assert (info.versions, info.digest) == (whole.versions, "")
-
-
 def test_damage_is_told_after_the_messages_before_it(recording: Path) -> None:
     whole = list(read_messages(recording))
     content = bytearray(recording.read_bytes())

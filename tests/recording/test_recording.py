@@ -22,7 +22,7 @@ from robrain.protocol.workers import OwnedThread
 from robrain.recording.errors import RecordingError
 from robrain.recording.writer import recording_file
 from robrain.recording.writer.recorder import RecordingSummary
-from tests.recording.stage import LINE, PROVENANCE, Stage, metadata_of
+from tests.recording.stage import LINE, Stage
 
 GOLDEN = Path(__file__).parents[1] / "protocol" / "golden"
 STEP_NS = 100_000_000
@@ -149,23 +149,6 @@ def test_a_message_without_a_stamp_is_recorded_with_the_time_it_was_heard(stage:
     recorder.close()
     [(_, _, message)] = messages_in(path)
     assert (message.publish_time, message.sequence) == (STEP_NS, 0)
-
-
-def test_attachments_and_metadata_say_how_to_make_the_run_again(stage: Stage, tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    summary = record_a_run(stage, path)
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
-    metadata = metadata_of(path)
-    assert attachments["scenario.toml"].data.decode() == PROVENANCE.scenario_toml
-    assert attachments["map.png"].data == PROVENANCE.map_png
-    assert {(a.create_time, a.log_time) for a in attachments.values()} == {(0, 0)}
-    run = {"scenario": "office", "seed": str(PROVENANCE.seed), "drive": "lockstep", "team": "default"}
-    assert metadata["robrain.run"] == run
-    assert set(metadata["robrain.versions"]) >= {"python", "robrain", "eclipse-zenoh", "numpy", "mcap"}
-    assert metadata["robrain.summary"]["digest"] == summary.digest
-    assert metadata["robrain.summary"]["messages"] == "63"
 
 
 def test_equal_runs_leave_equal_files_and_digests(session: zenoh.Session, tmp_path: Path) -> None:

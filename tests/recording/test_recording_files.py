@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.replay.player import Player
-from robrain.recording.writer import recording_files
 from robrain.recording.writer import rotation as rotation_module
 from robrain.recording.writer.recorder import Recorder, RecorderInbox, RecordingSummary
 from robrain.recording.writer.recording_files import SplitAt
@@ -277,20 +275,6 @@ def test_recording_continues_in_a_second_file_when_there_is_room_again(
     first, *_, last = stage.reported()
     assert "No space left" in first.why
     assert last.why == ""
-
-
-def test_disk_that_stays_full_is_not_written(
-    stage: Stage, tmp_path: Path, full_disk: type[FullDisk], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorder = stage.recorder(tmp_path / "run.mcap")
-    map_for(stage, recorder, 30)
-    full_disk.room_bytes = 0
-    map_for(stage, recorder, 20)
-    full_disk.room_bytes = 10**9
-    usage = SimpleNamespace(free=recording_files.ROOM_BYTES - 1)
-    monkeypatch.setattr(recording_files.shutil, "disk_usage", lambda _folder: usage)
-    map_for(stage, recorder, 200)
-    assert [path.name for path in recorder.close().paths] == ["run.mcap"]
 
 
 def test_other_file_of_that_name_is_skipped(stage: Stage, tmp_path: Path, full_disk: type[FullDisk]) -> None:

@@ -81,20 +81,6 @@ def test_replay_says_the_same_bytes_under_the_same_keys_in_the_same_order(audien
     assert replay.done
 
 
-@pytest.mark.parametrize(("speed", "elapsed_s", "seconds_said"), [(1.0, 3.5, 4), (2.0, 3.5, 8), (0.5, 3.5, 2)])
-def test_replay_puts_what_is_due_at_its_speed(
-    audience: Audience, recording: Path, speed: float, elapsed_s: float, seconds_said: int
-) -> None:
-    replay = Replay(audience.stage, recording, speed=speed)
-    started_ns = 777
-    replay.step(started_ns)
-    assert len(audience.heard()) == 6
-    replay.step(started_ns + round(elapsed_s * NS_PER_S))
-    assert len(audience.heard()) == 6 * (seconds_said - 1)
-    assert not replay.done
-    assert replay.progress == pytest.approx(elapsed_s * speed / 10)
-
-
 def test_a_loop_begins_again_and_is_never_done(audience: Audience, recording: Path) -> None:
     replay = Replay(audience.stage, recording, loop=True)
     for step in range(33):

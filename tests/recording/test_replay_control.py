@@ -14,19 +14,10 @@ from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL, Rep
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.replay.replay import Replay
-from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
 NS_PER_S = 1_000_000_000
-RUN_S = 20.0
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("replay") / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=RUN_S, record=path)
-    return path
 
 
 class Stage:

@@ -97,13 +97,6 @@ def test_folder_is_looked_at_every_ten_seconds_and_when_the_clock_is_set_back(fo
     assert one.removed == 2
 
 
-def test_folder_that_cannot_be_read_ends_no_recording(folder, caplog) -> None:
-    one = Rotation(folder / "gone", SERIES, KeepFiles(size_bytes=1), lambda _: 0)
-    with caplog.at_level(logging.WARNING):
-        one.step(NOW_NS, folder / "depot-5.mcap")
-    assert "cannot be removed" in caplog.text
-
-
 @pytest.mark.parametrize("wrong", [{}, {"size_bytes": 0}, {"age_s": -1.0}])
 def test_limit_that_makes_no_sense_is_refused(wrong) -> None:
     with pytest.raises(ValueError, match="expected"):

@@ -3,7 +3,6 @@
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pandas as pd
@@ -14,21 +13,11 @@ import robrain
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.table.topics import topic_of
-from robrain.protocol.topic import Topic
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.exporting import export_tables
-from robrain.recording.export.tables import Table
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import read_messages
-from robrain.recording.reader.recorded_message import RecordedMessage
 from tests.recording.stage import write_mcap
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tables") / "run.mcap"
-    robrain.Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=8.0, record=path)
-    return path
 
 
 def recorded_states(path: Path) -> list[RobotState]:
@@ -122,17 +111,3 @@ def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp
 
 
 # -- one row ------------------------------------------------------------------------------------------------------
-
-
-def rows_of(
-    topic: Topic, payload: bytes, *, at_s: float = 1003.5, key: str = "robrain/default/robot/r7/state"
-) -> dict[str, Any] | None:
-    """The row of a message, by the names of its columns; the run began at second 1000 of its clock."""
-    table = Table(topic, 1_000 * 10**9)
-    row = table.row(RecordedMessage(key, round(at_s * 1e9), payload, "json"))
-    return None if row is None else dict(zip([column.name for column in table.columns], row, strict=True))
-
-
-@pytest.mark.parametrize("payload", [b"", b"[]", b"not json", b"\xff\xff", b'{"robot": 7}', b"[" * 100_000])
-def test_a_message_that_is_not_what_its_topic_says_makes_no_row(payload: bytes) -> None:
-    assert rows_of(ROBOT_STATE, payload) is None

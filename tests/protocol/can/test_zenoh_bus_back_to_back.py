@@ -163,7 +163,7 @@ def test_a_shut_down_node_refuses_to_send_and_to_wait_as_python_can_says(pair):
 # -- what needs threads, so not in a lockstep run ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("attempt", range(10))
+@pytest.mark.parametrize("attempt", range(3))
 def test_the_first_frames_after_opening_arrive_whoever_was_there_before(clients, attempt):
     del attempt
     first = clients()
@@ -269,21 +269,6 @@ def test_a_thread_that_waits_for_a_frame_ends_with_its_bus(clients):
 def test_an_unknown_option_is_refused_with_those_that_there_are(lockstep_session):
     with pytest.raises(can.CanInitializationError, match=r"unknown option baud, rx_own: .*receive_own_messages.*fd"):
         open_bus(session=lockstep_session, direct=True, rx_own=True, baud=9600)
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"fd": "yes"}, "option fd: expected true or false, got 'yes'"),  # python-can does not convert this word
-        ({"receive_own_messages": "maybe"}, "option receive_own_messages: expected true or false, got 'maybe'"),
-        ({"team": 7.5}, "option team: expected text, got 7.5"),
-        ({"connect": 7447}, "option connect: expected text, got 7447"),
-    ],
-)
-def test_an_option_of_the_wrong_kind_is_refused(lockstep_session, options, why):
-    session = {} if "connect" in options else {"session": lockstep_session, "direct": True}
-    with pytest.raises(can.CanInitializationError, match=why):
-        ZenohBus(CHANNEL, **session, **options)
 
 
 def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):

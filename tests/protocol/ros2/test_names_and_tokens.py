@@ -48,18 +48,6 @@ DOCUMENTED = [
             RELIABLE,
         ),
     ),
-    (
-        f"@ros2_lv/2/e1dc8d1b45ae8717fce78689cc655685/0/10/SC/%/%/add_two_ints_client/{ADDING}",
-        Entity(
-            EntityKind.CLIENT,
-            NodeId(2, "e1dc8d1b45ae8717fce78689cc655685", 0, "/", "add_two_ints_client"),
-            10,
-            "/add_two_ints",
-            ADD,
-            ADD_HASH,
-            RELIABLE,
-        ),
-    ),
 ]
 """Examples of rmw_zenoh's design.md."""
 

@@ -10,9 +10,7 @@ from robrain.protocol.access.member import MemberRole
 from robrain.protocol.access.permissions import AccessAction, own_names, roles
 from robrain.protocol.access.rules import ruled_rows
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.errors import BadName
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
-from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.messages.team.team_messages import HALT
 from robrain.protocol.table.topics import TOPICS, all_rows, topic_of
 from robrain.protocol.topic import Query, Role, Topic
@@ -75,15 +73,6 @@ def test_a_key_takes_exactly_the_names_of_its_pattern():
         HALT.key("t", robot="r1")
     with pytest.raises(KeyError, match="halt takes"):
         HALT.selector("t", robot="r1")
-
-
-def test_bad_names_never_reach_a_key():
-    with pytest.raises(BadName, match="bad robot name"):
-        ROBOT_STATE.key("t", robot="*")
-    with pytest.raises(BadName, match="bad team name"):
-        ROBOT_STATE.key("a/b", robot="r1")
-    with pytest.raises(BadName, match="bad plugin name"):
-        ROBOT_EVENT.selector("t", plugin="**")
 
 
 @pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)

@@ -121,19 +121,6 @@ def test_a_payload_of_another_length_is_none(kind, payload, sentence):
         kind.unpack(payload)
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        ActiveMessage(type=1, payload=bytes(29), source=1),  # payload too long
-        ActiveMessage(type=256, payload=b"", source=1),  # type of more than 8 bits
-        ActiveMessage(type=1, payload=b"", source=-1),  # address below 0
-    ],
-)
-def test_what_no_packet_holds_is_not_packed(message):
-    with pytest.raises(BadPacket):
-        message.pack()
-
-
 @pytest.mark.parametrize("payload", [SequenceRange(0, 1 << 16), RequestPayload(0, 1 << 32), DutyPayload(1 << 16)])
 def test_a_number_that_does_not_fit_its_field_is_not_packed(payload):
     with pytest.raises(BadPacket, match=r"16 .*bits"):

@@ -12,7 +12,6 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
-from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.workers import OwnedThread, close_threads
@@ -82,24 +81,6 @@ def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
     assert [item.message.value for item in received] == [0, 1, 2, 3, 4, 5]
     assert [item.message.seq for item in received] == [0, 1, 2, 3, 4, 5]
     assert all(item.message.stamp_ns > 0 for item in received)
-
-
-def test_what_counts_only_at_its_time_is_not_kept_for_late_joiners(team):
-    sender = team.join()
-    publisher, events = sender.publisher(ROBOT_STATE, robot="r1"), sender.publisher(ROBOT_EVENT, **EVENT)
-    publisher.put(RobotState(robot="r1", behavior="before"))
-    events.put(PluginEvent(**EVENT))
-    late, inbox, marks = team.join(), Inbox(every=True), Inbox()
-    late.subscribe(inbox, ROBOT_STATE)
-    late.subscribe(marks, ROBOT_EVENT)
-    until(lambda: len(marks) == 1)
-
-    def say():
-        publisher.put(RobotState(robot="r1", behavior="after"))
-        return len(inbox) > 0
-
-    until(say)
-    assert {item.message.behavior for item in inbox.drain()} == {"after"}
 
 
 @pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL, Serve.SHARED])

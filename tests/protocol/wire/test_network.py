@@ -237,17 +237,6 @@ def test_reply_for_an_inbox_arrives_after_request_and_reply(team):
     assert not len(inbox)
 
 
-def test_radio_of_a_robot_whose_endpoints_are_all_closed_is_off(team):
-    second = team.open("r1")
-    team.ends["r1"].close()
-    team.exchange.step()
-    assert "r1" in team.air.on
-    second.close()
-    second.close()
-    team.exchange.step()
-    assert sorted(team.air.on) == ["coordinator", "r2"]
-
-
 def test_process_that_dies_says_and_hears_nothing_more_and_its_token_is_gone_at_once(team):
     inboxes = {party: team.hear(party, ROBOT_STATE) for party in ("r1", "r2", "")}
     team.ends["r1"].token(ROBOT_ALIVE, robot="r1")

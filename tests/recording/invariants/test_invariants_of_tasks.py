@@ -12,8 +12,8 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.recording.invariants import task_invariants
 from robrain.recording.invariants.invariant import Invariant, InvariantState, MissingEvidence
-from robrain.recording.invariants.task_invariants import ENDED_KEPT, TaskChanges
 from tests.recording.invariants.team_script import TeamScript, at_task
 
 QUEUED, OFFERED, RUNNING = TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING
@@ -309,12 +309,10 @@ def test_any_task_that_disappears_from_the_count_is_found(changes: list[tuple[st
     assert sum(one["missing"] for one in found) == lost
 
 
-@pytest.mark.slow
-def test_what_is_remembered_of_ended_tasks_is_bounded() -> None:
-    changes = TaskChanges()
-    place = Point2D(0.0, 0.0)
-    for number in range(ENDED_KEPT + 50):
-        task = Task(id=f"t{number}", kind="visit", place=place)
+def test_what_is_remembered_of_ended_tasks_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task_invariants, "ENDED_KEPT", 100)
+    changes = task_invariants.TaskChanges()
+    for number in range(150):
+        task = Task(id=f"t{number}", kind="visit", place=Point2D(0.0, 0.0))
         changes.handle(TaskEvent(task=task, state=DONE, change=number + 1, stamp_ns=number), number)
-    assert len(changes.ended) == ENDED_KEPT
-    assert changes.tasks == ENDED_KEPT + 50
+    assert (len(changes.ended), changes.tasks) == (100, 150)

@@ -1,6 +1,5 @@
 """What a report gathers of a run: states, truth, map, readings and tasks, message by message."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,20 +10,15 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.lab.report.report import totals
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
 from robrain.protocol.messages.tasks.task_messages import TaskEstimate
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.reader.run_data import RunData, read_run
-from tests.coordinator.planning.worlds import model
 from tests.recording.stage import write_mcap
 
 START_S = 1000.0
@@ -82,36 +76,6 @@ def test_measured_energy_is_what_the_battery_gave_since_the_state_before(path: P
 def test_energy_is_not_reckoned_over_a_gap(path: Path) -> None:
     said = states((0.0, {"battery": battery()}), (5.1, {"battery": battery()}), (6.1, {"battery": battery()}))
     assert list(gathered(path, said).robots["r1"].measured_j) == pytest.approx([0.0, 0.0, 40.0])
-
-
-def test_predicted_energy_is_that_of_the_robots_own_model(path: Path) -> None:
-    velocity = Twist2D(forward_m_s=0.5)
-    fields = {"battery": battery(), "energy": model(1e5), "velocity": velocity}
-    robot = gathered(path, states((0.0, fields), (2.0, fields))).robots["r1"]
-    assert robot.predicted_j[-1] == pytest.approx(2.0 * model_power_w(model(1e5), velocity))
-    assert robot.measured_j[-1] == pytest.approx(80.0)
-
-
-def test_how_right_a_robot_and_the_map_were_is_told_over_time(path: Path) -> None:
-    def truth(error_m: float, share_off: float, **fields: Any) -> ArenaTruth:
-        accuracy = PoseAccuracy(rmse_m=0.5, error_m=error_m, **fields)
-        here = Pose2D(0.0, 0.0, 0.0)
-        robot = RobotTruth(robot="r1", pose=here, distance_m=0.0, energy_j=0.0, collisions=0, accuracy=accuracy)
-        of_map = MapAccuracy(occupied_cells=100, cells_off=1, share_off=share_off, doubled_walls_m=0.5)
-        return ArenaTruth(sim_time_s=1.0, robots=[robot], map_accuracy=of_map)
-
-    last = truth(0.125, 0.25, silent_divergence_s=2.0)
-    said = [truth(0.25, 0.01), truth(2.0, 0.01, silent_for_s=1.0), truth(9.0, 0.25, is_lost=True), last]
-    run = gathered(path, [(key("arena/truth"), float(t_s), message) for t_s, message in enumerate(said)])
-    robot = run.robots["r1"]
-    assert robot.accuracy == last.robots[0].accuracy
-    assert list(robot.error_t_s) == [0.0, 1.0, 2.0, 3.0]
-    assert list(robot.error_m) == pytest.approx([0.25, 2.0, math.nan, 0.125], nan_ok=True)
-    assert list(robot.is_silently_off) == [0, 1, 0, 0]
-    assert [(t_s, each.share_off) for t_s, each in run.map_accuracy] == [(0.0, 0.01), (2.0, 0.25)]
-    told = totals(run)
-    assert (told["Map cells off (%)"], told["Walls doubled (m)"]) == (25.0, 0.5)
-    assert (told["Worst position RMSE (m)"], told["Silent divergence (s)"]) == (0.5, 2.0)
 
 
 # -- the team, the map and motes --------------------------------------------------------------------------------
