@@ -6,7 +6,7 @@ those of the package `foxglove-schemas-protobuf`; viewers draw them by name.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
@@ -107,11 +107,6 @@ def transforms(poses: Iterable[tuple[str, Pose2D, int]]) -> FrameTransforms:
     )
 
 
-def pose_in_frame(at: Pose2D, stamp_ns: int) -> PoseInFrame:
-    """One pose."""
-    return PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=ARENA, pose=pose(at.x_m, at.y_m, yaw_rad=at.yaw_rad))
-
-
 def poses_in_frame(points: Sequence[Point2D], stamp_ns: int, z_m: float = 0.02) -> PosesInFrame:
     """Points that are joined to a line."""
     return PosesInFrame(
@@ -193,17 +188,6 @@ def map_grid(grid: OccupancyGrid, stamp_ns: int) -> Grid:
         fields=fields,
         data=colors[grid.classes().view(np.uint8)].tobytes(),
     )
-
-
-def wall_cubes(boxes: NDArray[np.float32], rgb: Rgb) -> list[CubePrimitive]:
-    """Raised walls; boxes (N, 4) of middle x, y and sizes, metres."""
-    wall = color(rgb)
-    return [
-        CubePrimitive(
-            pose=pose(x_m, y_m, WALL_HEIGHT_M / 2), size=Vector3(x=width_m, y=depth_m, z=WALL_HEIGHT_M), color=wall
-        )
-        for x_m, y_m, width_m, depth_m in boxes.tolist()
-    ]
 
 
 def log(stamp_ns: int, level: str, source: str, text: str) -> Log:
@@ -334,18 +318,12 @@ def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
 
 
 def walls_entity(boxes: NDArray[np.float32], stamp_ns: int) -> SceneEntity:
-    """The known walls, raised."""
-    entity = _entity("walls", ARENA, stamp_ns)
-    entity.cubes.extend(wall_cubes(boxes, WALL))
+    """The known walls, raised; boxes (N, 4) of middle x, y and sizes, metres."""
+    entity, rgb = _entity("walls", ARENA, stamp_ns), color(WALL)
+    for x_m, y_m, width_m, depth_m in boxes.tolist():
+        size = Vector3(x=width_m, y=depth_m, z=WALL_HEIGHT_M)
+        entity.cubes.append(CubePrimitive(pose=pose(x_m, y_m, WALL_HEIGHT_M / 2), size=size, color=rgb))
     return entity
-
-
-def robots_scene(states: Mapping[str, RobotState], indices: Mapping[str, int], stamp_ns: int) -> SceneUpdate:
-    """All robots that know their poses."""
-    entities = (
-        robot_entity(state, indices[robot], stamp_ns) for robot, state in states.items() if state.pose is not None
-    )
-    return scene_update(entities, stamp_ns)
 
 
 def _entity(name: str, frame: str, stamp_ns: int) -> SceneEntity:
@@ -481,12 +459,14 @@ class FoxgloveChannels:
                     del trail[:-TRAIL_POINTS]
 
     def _robots(self, now_ns: int) -> Iterator[VisualMessage]:
-        robots = robots_scene(self._decoded, self._indices, now_ns)
-        yield VisualMessage(visual_topics.ROBOTS, robots, now_ns)
+        placed = [state for state in self._decoded.values() if state.pose is not None]
+        entities = [robot_entity(state, self._indices[state.robot], now_ns) for state in placed]
+        yield VisualMessage(visual_topics.ROBOTS, scene_update(entities, now_ns), now_ns)
         for state in self._decoded.values():
-            if state.pose is not None:
-                channel = visual_topics.of_robot(state.robot, "pose")
-                yield VisualMessage(channel, pose_in_frame(state.pose, state.stamp_ns), now_ns)
+            if (at := state.pose) is not None:
+                own_pose = pose(at.x_m, at.y_m, yaw_rad=at.yaw_rad)
+                message = PoseInFrame(timestamp=timestamp(state.stamp_ns), frame_id=ARENA, pose=own_pose)
+                yield VisualMessage(visual_topics.of_robot(state.robot, "pose"), message, now_ns)
             if state.battery is not None:
                 yield VisualMessage(visual_topics.of_robot(state.robot, "battery"), _battery(state), now_ns)
 

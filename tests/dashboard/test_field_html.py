@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
-from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
+from robrain.dashboard.state.radio_links import mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ExplorationLeft, LeftKind, RegionLeft
@@ -82,15 +82,6 @@ def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_t
     assert [(start.x_m, end.x_m) for start, end in mote_routes(view)] == [(2.0, 1.0), (3.0, 2.0)]
     tell(view, MOTE_READING, reading("m3", 3.0), mote="m3")  # a robot hears it now
     assert [(start.x_m, end.x_m) for start, end in mote_routes(view)] == [(2.0, 1.0)]
-
-
-def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> None:
-    view = ShownTeam()
-    tell(view, MOTE_READING, reading("m3", 3.0, hops=1, forwarder="m2"), mote="m3")
-    assert best_links(view, view.motes.values()) == []
-    assert view.motes["m3"].links == {}
-    assert links_of_robot(view, "r1", 0.0) == []
-    assert "+1" in motes_html(view)
 
 
 # -- what exploration has left -----------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState, Plugin
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskExplanation, TaskRecord
 from robrain.protocol.messages.team.team_messages import HALT, Halt
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.dashboard.test_shown_team import tell
 
@@ -67,21 +67,6 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         for testid in filter(None, self._open):
             self.values[testid] = self.values.get(testid, "") + data
-
-
-def test_robot_is_told_in_figures() -> None:
-    view = ShownTeam()
-    battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=0.456, remaining_j=1.0)
-    task = TaskStatus(id="t1", epoch=1, state=TaskState.RUNNING, why="the nearest border")
-    state = RobotState(robot="r1", pose=Pose2D(1.25, -3.0, 0.0), battery=battery, behavior="explore", task=task)
-    tell(view, robot_messages.ROBOT_STATE, state, robot="r1")
-    values = Page(robots_html(view, 1.0)).values
-    assert values["robot-r1-contact"].strip() == "● up"
-    assert values["robot-r1-battery"] == "46 %"
-    assert Page(robot_card_html(view, view.robots["r1"], 1.0)).values["robot-r1-place"] == "1.2, -3.0"
-    assert values["robot-r1-behavior"] == "explore"
-    assert values["robot-r1-task"] == "t1 running: the nearest border"
-    assert Page(robots_html(view, 60.0)).values["robot-r1-contact"].strip() == "✕ lost"
 
 
 def test_halt_is_told_with_how_many_obey() -> None:

@@ -1,10 +1,8 @@
 import time
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from robrain.protocol.clock import LiveClock, clock_difference_ns, steps, to_ns, to_seconds
+from robrain.protocol.clock import LiveClock, clock_difference_ns, steps, to_ns
 
 DAY_S = 86_400.0
 
@@ -25,11 +23,6 @@ def test_clocks_differ_if_a_stamp_is_farther_off_than_synchronised_clocks_and_a_
     now_ns = to_ns(2e9)
     assert clock_difference_ns(now_ns + to_ns(ahead_s), now_ns) == differs * to_ns(ahead_s)
     assert clock_difference_ns(0, now_ns) == 0  # no stamp
-
-
-@given(st.floats(-1e6, 1e6))
-def test_seconds_survive_as_whole_nanoseconds(duration_s):
-    assert to_seconds(to_ns(duration_s)) == pytest.approx(duration_s, abs=1e-9)
 
 
 def test_steps_come_one_a_period_and_a_long_one_delays_the_next(monkeypatch):

@@ -27,11 +27,6 @@ def test_composing_is_associative(T_a_b, T_b_c, T_c_d):
     assert_same_pose(T_a_b.compose(T_b_c).compose(T_c_d), T_a_b.compose(T_b_c.compose(T_c_d)))
 
 
-def test_what_is_ahead_of_a_robot_that_faces_left_lies_along_y():
-    T_arena_robot = Pose2D(1.0, 2.0, math.pi / 2)
-    assert_same_pose(T_arena_robot.compose(Pose2D(3.0, 0.0, 0.0)), Pose2D(1.0, 5.0, math.pi / 2))
-
-
 @pytest.mark.parametrize(
     ("angle_rad", "wrapped_rad"),
     [

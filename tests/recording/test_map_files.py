@@ -1,13 +1,10 @@
 """`robrain export --map`: the map of a recording for ROS's map_server."""
 
-import msgspec
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.cli import all_commands
 from robrain.deploy.recordings.recording_commands import export_map
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.recording.errors import RecordingError
@@ -68,14 +65,3 @@ def test_nothing_is_overwritten_and_nothing_half_written_left(run, tmp_path):
 def test_a_time_that_the_recording_does_not_have_is_refused(run, tmp_path, at_s):
     with pytest.raises(RecordingError, match=r"--at .*: expected 0 to"):
         write_map(run, tmp_path / "floor.yaml", at_s)
-
-
-def test_the_command_writes_the_map_beside_the_recording(run, tmp_path):
-    recording = tmp_path / "run.mcap"
-    recording.write_bytes(run.read_bytes())
-    answer = CliRunner().invoke(all_commands(), ["export", str(recording), "--map", "--at", "4", "--json"])
-    assert answer.exit_code == 0, answer.output
-    assert [path.rsplit("/", 1)[1] for path in msgspec.json.decode(answer.output)["files"]] == [
-        "run_map.yaml",
-        "run_map.pgm",
-    ]

@@ -17,10 +17,8 @@ from robrain.protocol.ros2.message_types import (
     PATH,
     STRING,
     TF_MESSAGE,
-    TRIGGER,
     MessageType,
     String,
-    TriggerResponse,
     typestore,
 )
 from tests.protocol.ros2.real_ros import GOLDEN, SEEDS
@@ -62,10 +60,6 @@ def test_a_transform_is_encoded_by_the_rules_of_cdr():
     expected += struct.pack("<7d", 1, 2, 3, 0, 0, 0, 1)
     assert TF_MESSAGE.encode(message) == expected
     assert to_plain(TF_MESSAGE.decode(expected)) == to_plain(message)
-
-
-def test_a_response_of_older_releases_without_padding_is_read():
-    assert TRIGGER.response.decode(b"\0\1\0\0\1\0\0\0\1\0\0\0\0") == TriggerResponse(True, "")
 
 
 def test_big_endian_is_read_too():

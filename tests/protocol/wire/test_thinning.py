@@ -66,9 +66,3 @@ def test_publisher_sends_what_is_admitted_and_numbers_it_without_gaps(clock):
             publisher.put(RobotState(robot="r1"))
         assert [received.message.seq for received in inbox.drain()] == [0, 1, 2, 3, 4]
         wire.close()
-
-
-@pytest.mark.parametrize("bytes_per_s", [0.0, -1.0, float("nan")])
-def test_link_carries_something(clock, bytes_per_s):
-    with pytest.raises(ValueError, match="expected bytes_per_s > 0"):
-        Thinning(bytes_per_s, clock)
