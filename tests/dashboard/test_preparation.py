@@ -10,7 +10,7 @@ from robrain.dashboard.html.team_html import strip_html
 from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
-from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import (
@@ -73,14 +73,6 @@ def test_plan_is_drawn_until_the_first_tick_and_then_the_map_replaces_it() -> No
     tell(view, ROBOT_MAP, patch, robot="r1")
     assert view.floor.geometry.shape == (4, 4)
     assert view.floor_version != version
-
-
-def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
-    view = prepared()
-    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
-    assert view.floor is not None
-    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
-    assert view.floor is None
 
 
 def test_plan_that_does_not_fill_its_grid_is_rejected_whole() -> None:

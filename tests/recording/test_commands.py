@@ -272,7 +272,7 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", [["info"], ["check"], ["diff"], ["info", "--json"], ["check", "--json"]])
+@pytest.mark.parametrize("words", [["info"], ["check"], ["diff"], ["info", "--json"]])
 def test_nothing_in_a_recording_can_steer_the_terminal(
     commands: Commands, hostile: Path, tmp_path: Path, words: list[str]
 ) -> None:

@@ -79,16 +79,6 @@ def test_each_channel_has_its_rate() -> None:
     }  # fmt: skip
 
 
-def test_scans_paths_and_transforms_are_drawn_once_and_robots_again() -> None:
-    channels = spoken(pose=Pose2D(1.0, 2.0, 0.0))
-    say(channels, ARENA_SCAN, SCAN)
-    say(channels, ROBOT_PATH, PlannedPath(robot="r1", points=[]))
-    first, second = set(told(channels, 0.0)), set(told(channels, 2.0))
-    has_changed = {"/visual/r1/scan", "/visual/r1/points", "/visual/r1/path", "/visual/tf"}
-    assert first - second == {*has_changed, "/visual/r1/trail"}
-    assert second == {"/visual/robots", "/visual/r1/pose"}
-
-
 def test_a_clock_that_is_set_back_is_followed_at_once() -> None:
     channels = spoken(pose=Pose2D(1.0, 2.0, 0.0))
     times_s = (100.0, 100.5, 99.5, 99.5, 5.0, 5.9, 6.0)
@@ -160,19 +150,6 @@ def patch(value: int, width: int = 10) -> MapPatch:
     grid = OccupancyGrid(GridGeometry(0.5, 0.0, 0.0, width, width))
     grid.merge_patch(0, 0, np.full((value, 3), 100, np.int8), value)
     return to_message("r1", grid.geometry, PatchCells(0, 0, grid.classes(), value))
-
-
-def test_the_map_is_drawn_when_it_has_grown_and_its_walls_less_often() -> None:
-    channels = FoxgloveChannels()
-    seen = []
-    for second in range(13):
-        if second < 9:
-            say(channels, ROBOT_MAP, patch(1 + second // 2))
-        seen.append([name.removeprefix("/visual/") for name in told(channels, float(second))])
-    map_at = [second for second, names in enumerate(seen) if "map" in names]
-    walls_at = [second for second, names in enumerate(seen) if "walls" in names]
-    assert map_at == [0, 2, 4, 6, 8]
-    assert walls_at == [second for second, names in enumerate(seen) if "wall_points" in names] == [0, 10]
 
 
 # -- of a recorded run ---------------------------------------------------------------------------------------

@@ -41,14 +41,6 @@ def floor() -> OccupancyGrid:
     return grid
 
 
-@pytest.mark.parametrize(
-    ("stamp_ns", "told_ns"),
-    [(-1, 0), (0, 0), (1_500_000_001, 1_500_000_001), (2**63 - 1, 2**63 - 1), (2**80, 2**63 - 1)],
-)
-def test_a_stamp_is_the_nearest_that_can_be_told(stamp_ns: int, told_ns: int) -> None:
-    assert make.timestamp(stamp_ns).ToNanoseconds() == told_ns
-
-
 def test_the_hits_of_a_scan_are_points_in_the_robots_frame() -> None:
     found = make.scan_points(scan(1, 0, 2000, 3000), 7)
     assert (found.frame_id, found.timestamp.nanos) == ("r1", 7)

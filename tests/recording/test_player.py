@@ -131,17 +131,6 @@ def test_nothing_comes_while_it_is_paused_and_it_goes_on_where_it_was(run: Path)
     player.close()
 
 
-def test_single_steps_move_a_player_that_stands(run: Path) -> None:
-    player = Player(run)
-    player.seek(5.0)
-    moved = player.step_by(0.5) + player.step_by(0.5)
-    assert player.position_s == pytest.approx(6.0)
-    assert moved == until(run, 6.0)[len(until(run, 5.0)) :]
-    with pytest.raises(ValueError, match="duration_s >= 0"):
-        player.step_by(-1.0)
-    player.close()
-
-
 def test_a_file_whose_end_is_missing_is_played_as_far_as_it_goes(run: Path, truncated: Path) -> None:
     player = Player(truncated)
     there = list(read_messages(truncated))

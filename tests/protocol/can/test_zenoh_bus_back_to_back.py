@@ -178,7 +178,7 @@ def test_the_first_frames_after_opening_arrive_whoever_was_there_before(clients,
 
 
 def test_the_first_frames_between_a_lockstep_run_and_another_process_arrive(hub):
-    for _ in range(10):
+    for _ in range(3):
         inside = ZenohBus(CHANNEL, session=hub, direct=True, now_ns=lambda: 5_000_000_000)
         outside = ZenohBus(CHANNEL, connect=listening_at(hub)[0])
         inside.send(can.Message(arbitration_id=1))
@@ -211,20 +211,6 @@ def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
         assert until(heard).arbitration_id == 7
     finally:
         release.set()
-
-
-def test_node_can_be_shut_down_while_it_sends_periodic_frames(clients):
-    failed = []
-    before, threading.excepthook = threading.excepthook, failed.append
-    try:
-        for _ in range(20):
-            sender = clients()
-            for identifier in range(3):
-                sender.send_periodic(can.Message(arbitration_id=identifier), 0.0005)
-            sender.shutdown()
-    finally:
-        threading.excepthook = before
-    assert failed == []
 
 
 def test_nothing_is_sent_after_a_node_was_shut_down(clients):
