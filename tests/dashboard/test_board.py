@@ -6,10 +6,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.dashboard.layers.robot_layers import floor_hit, robot_near
+from robrain.dashboard.layers.robot_layers import ellipse, floor_hit, robot_near
 from robrain.dashboard.panels.halt_control import acknowledgements
 from robrain.dashboard.state.alerts import AlertLevel, alerts_of
-from robrain.dashboard.state.shown_robot import RobotHealth, ShownRobot
+from robrain.dashboard.state.radio_links import relay_lines
+from robrain.dashboard.state.shown_robot import RobotHealth, ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam, TaskBoard
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
@@ -194,6 +195,31 @@ def test_click_means_the_floor_under_it_and_the_robot_that_stands_there() -> Non
     assert found is not None
     assert found.name == "r2"
     assert robot_near(view, Point2D(5.0, 0.0), 5.0) is None
+
+
+def test_chain_of_relays_is_drawn_from_the_mote_to_the_last_robot() -> None:
+    view = ShownTeam()
+    for name, x_m in (("r1", 1.0), ("r2", 2.0), ("r3", 3.0)):
+        view.robots[name] = ShownRobot(name, 0, state=RobotState(robot=name, pose=Pose2D(x_m, 0.0, 0.0)))
+    view.motes["m1"] = ShownMote("m1", place=Point2D(0.0, 0.0))
+    for task, robot, mote, following in (("a", "r1", "m1", "r2"), ("b", "r2", "", "r3")):
+        relay = Task(
+            id=task, kind="relay", place=PLACE, parameters={"duration_s": 60.0, "mote": mote, "robot": following}
+        )
+        view.board.handle(TaskEvent(task=relay, state=TaskState.RUNNING, robot=robot))
+    ends = {(start.x_m, end.x_m) for start, end in relay_lines(view)}
+    assert ends == {(1.0, 0.0), (1.0, 2.0), (2.0, 3.0)}
+
+
+def test_ellipse_is_turned_as_the_covariance_is() -> None:
+    found = ellipse((0.05, 0.04, 0.0, 0.04, 0.05, 0.0, 0.0, 0.0, 0.1))
+    assert found is not None
+    assert found.long_m == pytest.approx(2.4477 * 0.3)
+    assert found.short_m == pytest.approx(2.4477 * 0.1)
+    assert abs(math.tan(found.turn_rad)) == pytest.approx(1.0)
+    assert ellipse(()) is None
+    assert ellipse((math.nan,) * 9) is None
+    assert ellipse((-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)) is None
 
 
 def recorder_says(view: ShownTeam, now_s: float, name: str = "main", **told: object) -> list[str]:

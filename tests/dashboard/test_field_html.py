@@ -4,10 +4,11 @@ from typing import Any
 
 import msgspec
 
-from robrain.dashboard.html.team_html import field_html, motes_html, rules_html
+from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ExplorationLeft, LeftKind, RegionLeft
 from robrain.protocol.messages.motes.mote_messages import (
     MOTE_READING,
     ForwarderCount,
@@ -84,3 +85,19 @@ def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_t
 
 
 # -- what exploration has left -----------------------------------------------------------------------------------
+
+
+REGION = RegionLeft(
+    kind=LeftKind.TOO_NARROW, place=Point2D(9.1, 2.2), area_m2=5.0, low=Point2D(4.1, 1.4), high=Point2D(9.9, 3.1),
+    gap_m=0.387, needed_m=0.44, gap_at=Point2D(3.9, 2.2),
+)  # fmt: skip
+
+
+def test_regions_are_listed_with_kind_place_area_and_reason() -> None:
+    view = ShownTeam()
+    tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[REGION], more=2, more_m2=1.5))
+    values = Page(left_html(view)).values
+    row = (values["left-1-kind"], values["left-1-place"], values["left-1-area"])
+    assert row == ("too narrow", "9.1, 2.2", "5.0 m²")
+    assert values["left-1-why"] == "the gap is 0.39 m wide (measured), robots need 0.44 m"
+    assert values["left-more"] == "and 2 more, 1.5 m²"

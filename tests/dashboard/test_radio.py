@@ -7,6 +7,7 @@ from robrain.dashboard.state.radio_links import (
     links_in_focus,
     links_of_robot,
     robot_pairs,
+    team_links,
 )
 from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
@@ -50,6 +51,15 @@ def test_links_between_robots_are_as_strong_as_their_worse_direction() -> None:
     tell(view, "r1")
     tell(view, "r2")
     assert robot_pairs(view, NOW_S) == {}
+
+
+def test_team_is_held_together_by_its_strongest_links_alone() -> None:
+    view = team(r1=1.0, r2=2.0, r3=3.0, r4=4.0, r5=5.0)
+    tell(view, "r1", r2=-60.0, r3=-80.0)
+    tell(view, "r2", r3=-65.0)
+    tell(view, "r4", r5=-90.0)
+    assert ends(team_links(view, NOW_S)) == {(1.0, 2.0), (2.0, 3.0), (4.0, 5.0)}
+    assert team_links(team(r1=1.0), NOW_S) == []
 
 
 def test_selected_robot_shows_all_that_it_hears() -> None:

@@ -4,9 +4,12 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC
 
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -19,7 +22,7 @@ from robrain.recording.reader.checking import CheckKind, Severity, check_recordi
 from robrain.recording.reader.contents import read_contents
 from robrain.recording.reader.reading import read_messages, read_provenance, recording_info
 from robrain.recording.reader.recovering import recover
-from robrain.recording.reader.two_runs import first_difference
+from robrain.recording.reader.two_runs import differing_path, first_difference
 from tests.recording.stage import write_mcap
 from tests.system.conftest import Commands
 
@@ -301,7 +304,7 @@ def test_exit_statuses_tell_good_from_bad(commands: Commands, run: Path, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["csv", "foxglove"])
+@pytest.mark.parametrize("form", ["csv", "html", "foxglove"])
 def test_export_writes_beside_the_recording_and_overwrites_nothing(
     commands: Commands, run: Path, tmp_path: Path, form: str
 ) -> None:
@@ -316,3 +319,29 @@ def test_export_writes_beside_the_recording_and_overwrites_nothing(
     assert again.returncode == 2
     assert "exists already" in again.stderr
     assert sizes == {file: file.stat().st_size for file in files}
+
+
+JSON = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-9, 9)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(max_size=4),
+    lambda values: st.lists(values, max_size=3) | st.dictionaries(st.text(max_size=3), values, max_size=3),
+    max_leaves=8,
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=30)
+@given(JSON, JSON)
+def test_values_differ_exactly_when_their_json_does(one: Any, two: Any) -> None:
+    same = json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
+    found = differing_path(one, two)
+    if same:
+        assert found is None
+    elif found is not None:
+        assert found[0].startswith("$")
+        assert found[1] != found[2]
+    else:  # 0.0 and -0.0, which are equal numbers
+        assert "0.0" in json.dumps([one, two])

@@ -342,3 +342,27 @@ def test_bytes_that_arrive_while_an_inbox_is_drained_are_counted() -> None:
     inbox.drain_raw()
     inbox.append(ROBOT_LOG, "key", b"x" * 100)
     assert (len(inbox), inbox.dropped) == (1, 1)
+
+
+def test_part_that_exists_already_is_not_overwritten(stage: Stage, tmp_path: Path) -> None:
+    (tmp_path / "run_0001.mcap").write_bytes(b"old")
+    with pytest.raises(RecordingError, match="exists already"):
+        stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.0))
+    assert (tmp_path / "run_0001.mcap").read_bytes() == b"old"
+
+
+def test_files_that_end_before_their_first_message_are_replaced(
+    stage: Stage, tmp_path: Path, full_disk: type[FullDisk]
+) -> None:
+    recorder = stage.recorder(tmp_path / "run.mcap")
+    map_for(stage, recorder, 30)
+    for _ in range(5):
+        full_disk.room_bytes = 3000  # enough for the front of a file, and for nothing behind it
+        map_for(stage, recorder, 60)
+    full_disk.room_bytes = 10**9
+    map_for(stage, recorder, 100)
+    summary = recorder.close()
+    assert [path.name for path in summary.paths] == ["run.mcap", "run_0002.mcap"]
+    assert sorted(tmp_path.iterdir()) == sorted(summary.paths)
+    assert of_the_robot(summary.paths) + summary.lost == summary.messages
+    assert summary.bytes == sum(path.stat().st_size for path in summary.paths)

@@ -84,3 +84,13 @@ def test_a_bad_channel_is_refused_as_python_can_expects(session, channel, why):
 def test_without_anybody_at_the_endpoint_there_is_no_bus():
     with pytest.raises(can.CanInitializationError, match=r"not an endpoint: expected something like tcp/"):
         ZenohBus("r1/can0", connect="127.0.0.1:7447")
+
+
+def test_a_filter_remembers_only_so_many_identifiers(session, nodes, monkeypatch):
+    monkeypatch.setattr(zenoh_bus, "REMEMBERED_IDENTIFIERS", 3)
+    picky = ZenohBus("r1/can0", [{"can_id": 0x000, "can_mask": 0x001}], session=session, direct=True)
+    for identifier in range(16):
+        nodes[0].send(frame(identifier))
+    assert [picky.recv(timeout=0).arbitration_id for _ in range(8)] == list(range(0, 16, 2))
+    assert picky.recv(timeout=0) is None
+    picky.shutdown()

@@ -136,3 +136,22 @@ def test_the_later_of_two_sequence_numbers_is_known_across_the_wrap(sequence, ah
 def test_a_range_holds_what_lies_between_its_ends_across_the_wrap(first, length, sequence):
     wanted = SequenceRange(first, (first + length) % SEQUENCES)
     assert wanted.holds(sequence) == (sequence in {(first + step) % SEQUENCES for step in range(length + 1)})
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        ActiveMessage(type=1, payload=bytes(29), source=1),  # payload too long
+        ActiveMessage(type=256, payload=b"", source=1),  # type of more than 8 bits
+        ActiveMessage(type=1, payload=b"", source=-1),  # address below 0
+    ],
+)
+def test_what_no_packet_holds_is_not_packed(message):
+    with pytest.raises(BadPacket):
+        message.pack()
+
+
+@pytest.mark.parametrize("period_s", [0.0, -1.0, 6554.0, float("nan")])
+def test_a_period_that_no_mote_can_have_is_no_duty(period_s):
+    with pytest.raises(ValueError, match="expected a period"):
+        DutyPayload.of_seconds(period_s)

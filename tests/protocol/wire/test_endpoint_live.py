@@ -5,12 +5,13 @@ import threading
 import time
 
 import pytest
+import zenoh
 
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, PluginEvent
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.workers import OwnedThread, close_threads
@@ -136,3 +137,39 @@ def test_a_key_that_a_sample_brings_while_the_session_closes_is_used_undeclared(
     session.close()
     assert keys.declared("robrain/default/robot/r1/state") == "robrain/default/robot/r1/state"
     assert keys.keys == {}
+
+
+class KeysAsked:
+    """A session that notes with what keys it is asked."""
+
+    def __init__(self, session):
+        self._session = session
+        self.keys = []
+
+    def __getattr__(self, name):
+        return getattr(self._session, name)
+
+    def get(self, key, *arguments, **options):
+        self.keys.append(key)
+        return self._session.get(key, *arguments, **options)
+
+
+def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(team):
+    told = []
+    for name in ("r1", "r2"):
+        team.join().answer(ROBOT_PLUGINS, lambda _: told.append(1) or [], robot=name)
+    asker, inbox = team.join(), Inbox()
+    asker.session = session = KeysAsked(asker.session)
+
+    def ask():
+        asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
+        inbox.drain()
+        return len(told) > 2
+
+    until(ask)
+    assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)
+    assert len({id(key) for key in session.keys}) == 1
+    later = asker.ask_later(ROBOT_PLUGINS, robot="r2")
+    until(lambda: later.poll() is not None)
+    assert isinstance(session.keys[-1], zenoh.KeyExpr)
+    assert str(session.keys[-1]).endswith("/r2/plugins")

@@ -6,6 +6,7 @@ import pytest
 import zenoh
 
 from robrain.protocol.errors import NobodyThere, PortInUse, WireError
+from robrain.protocol.wire.hub import nobody_answers
 from robrain.protocol.wire.session import check_endpoint, open_lockstep_session, open_session
 from tests.own_hub import OwnHub
 
@@ -115,3 +116,8 @@ def test_process_that_was_forked_after_a_session_is_refused_in_a_sentence():
             os._exit("`spawn`" not in str(error))
         os._exit(2)
     assert os.waitpid(pid, 0)[1] == 0
+
+
+def test_an_unknown_host_is_named():
+    assert "the host no-such-host.invalid is unknown" in nobody_answers(["tcp/no-such-host.invalid:7447"])
+    assert "is unknown" not in nobody_answers(["tcp/127.0.0.1:9"])
