@@ -4,7 +4,7 @@ import threading
 
 import pytest
 import zenoh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.protocol.errors import CallError, ErrorCode
@@ -142,6 +142,7 @@ def test_puts_reach_the_inboxes_of_their_keys_until_they_are_undeclared():
 
 
 @pytest.mark.slow
+@settings(max_examples=40)
 @given(st.lists(st.tuples(SELECTORS, st.booleans()), max_size=12), st.lists(KEYS, max_size=3))
 def test_what_is_declared_is_reached_as_zenoh_matches_keys_in_the_order_of_declaration(steps, keys):
     declared: Declared[int] = Declared()
