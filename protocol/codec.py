@@ -57,6 +57,13 @@ class Codec(Generic[T]):
         except BAD_PAYLOAD as error:
             raise BadPayload(self.not_one(error)) from error
 
+    def read_if_valid(self, payload: bytes) -> T | None:
+        """The decoded payload; None where `read` raises."""
+        try:
+            return self.read(payload)
+        except BadPayload:
+            return None
+
     def not_one(self, error: Exception) -> str:
         """The error text for a payload that does not decode."""
         return f"expected {_name(self.kind)}: {error}"

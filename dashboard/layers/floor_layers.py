@@ -162,12 +162,11 @@ class LeftLayer(MeshLayer):
 
     def _draw(self, view: ShownTeam, now_s: float) -> None:
         super()._draw(view, now_s)
-        self._labels.show(
-            {
-                f"left-{number}": (left_label(region), (region.place.x_m, region.place.y_m, 0.0))
-                for number, region in enumerate(_regions_of(view)[:REGION_LABELS])
-            }
-        )
+        labels = {}
+        for number, region in enumerate(_regions_of(view)[:REGION_LABELS]):
+            text = f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m2"  # the scene's font has no ²
+            labels[f"left-{number}"] = (text, (region.place.x_m, region.place.y_m, 0.0))
+        self._labels.show(labels)
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         pieces = []
@@ -180,11 +179,6 @@ class LeftLayer(MeshLayer):
 
 def _regions_of(view: ShownTeam) -> list[RegionLeft]:
     return [] if view.left is None else view.left.regions
-
-
-def left_label(region: RegionLeft) -> str:
-    """A region in a few words; the scene's font has no ²."""
-    return f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m2"
 
 
 def region_frame(region: RegionLeft) -> Mesh:

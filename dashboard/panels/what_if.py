@@ -136,10 +136,6 @@ class WhatIfTab:
 
 def outcome_html(state: ForkState) -> str:
     """State of a fork: its progress, its failure, or both runs beside each other; empty before the first."""
-    rows = [] if state.runs is None else differing_rows(state.runs)
+    differing = [] if state.runs is None else [row for row in state.runs.rows if not row.is_equal]
+    rows = [(row.group, row.name, text_of(row)) for row in differing]
     return render("controls", "fork", state=state, rows=rows)
-
-
-def differing_rows(runs: TwoRuns) -> list[tuple[str, str, tuple[str, str, str]]]:
-    """The lines in which two runs differ: group, name, and first, second and difference in words."""
-    return [(row.group, row.name, text_of(row)) for row in runs.rows if not row.is_equal]

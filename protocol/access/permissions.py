@@ -15,7 +15,7 @@ from robrain.protocol.messages.team.arena_messages import ARENA_CAN, ARENA_RADIO
 from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 from robrain.protocol.messages.team.team_messages import HALT
-from robrain.protocol.topic import Query, Role, Topic, WireKey
+from robrain.protocol.topic import Query, Role, Token, Topic, WireKey
 
 Roles = AbstractSet[MemberRole]
 
@@ -78,28 +78,22 @@ ANSWERS: dict[str, Roles] = {REPLAY_CONTROL.name: _OPERATOR}
 
 def roles(action: AccessAction, row: WireKey) -> Roles:
     """The roles that may do an action with a row; none where the row is of another kind."""
-    if isinstance(row, Topic):
-        return _of_topic(action, row)
-    if isinstance(row, Query):
-        return _of_query(action, row)
-    return {AccessAction.ANNOUNCE: SPEAKERS[row.by], AccessAction.WATCH: ALL}.get(action, NOBODY)
-
-
-def _of_topic(action: AccessAction, row: Topic[object]) -> Roles:
-    if action is AccessAction.PUT:
-        return PUTS.get(row.name, SPEAKERS[row.by])
-    if action is not AccessAction.SUBSCRIBE:
-        return NOBODY
-    return SUBSCRIBES.get(row.name, ALL)
-
-
-def _of_query(action: AccessAction, row: Query[object, object]) -> Roles:
-    if action is AccessAction.ANSWER:
-        return ANSWERS.get(row.name, SPEAKERS[row.by])
-    if action is not AccessAction.ASK:
-        return NOBODY
-    asks = ASKS.get(row.name, ALL if row.reads_only else _OPERATOR)
-    return (_ROBOT | _OPERATOR) & asks if row.by is Role.ARENA else asks
+    speakers = SPEAKERS[row.by]
+    match row, action:
+        case Topic(), AccessAction.PUT:
+            return PUTS.get(row.name, speakers)
+        case Topic(), AccessAction.SUBSCRIBE:
+            return SUBSCRIBES.get(row.name, ALL)
+        case Query(), AccessAction.ANSWER:
+            return ANSWERS.get(row.name, speakers)
+        case Query(), AccessAction.ASK:
+            asks = ASKS.get(row.name, ALL if row.reads_only else _OPERATOR)
+            return (_ROBOT | _OPERATOR) & asks if row.by is Role.ARENA else asks
+        case Token(), AccessAction.ANNOUNCE:
+            return speakers
+        case Token(), AccessAction.WATCH:
+            return ALL
+    return NOBODY
 
 
 def own_names(action: AccessAction, row: WireKey, role: MemberRole) -> tuple[str, ...]:

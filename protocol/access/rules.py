@@ -58,7 +58,9 @@ def rules_of(member: Member) -> list[dict[str, Any]]:
     puts, receives = _keys(member, AccessAction.PUT), _keys(member, AccessAction.SUBSCRIBE)
     asks, answers = _keys(member, AccessAction.ASK), _keys(member, AccessAction.ANSWER)
     announces, watches = _keys(member, AccessAction.ANNOUNCE), _keys(member, AccessAction.WATCH)
-    keeps, catches_up = _advanced(member, AccessAction.PUT), _advanced(member, AccessAction.SUBSCRIBE)
+    kept = _kept(member, AccessAction.PUT)
+    keeps = [f"{key}/{ADVANCED}" for key in kept]
+    catches_up = [f"{key}/{ADVANCED}" for key in _kept(member, AccessAction.SUBSCRIBE)]
     bus = _bus_of(member)
     team = [f"{ROOT}/{member.team}/**", f"{ROOT}/{member.team}/**/{ADVANCED}"]
     parts = (
@@ -66,7 +68,7 @@ def rules_of(member: Member) -> list[dict[str, Any]]:
         ("ingress", ("declare_subscriber",), (*receives, *catches_up)),
         ("ingress", ("query",), (*asks, *catches_up, *bus)),
         ("ingress", ("declare_queryable",), (*answers, *keeps, *bus)),
-        ("ingress", ("reply",), (*answers, *keeps, *_kept(member), *bus)),
+        ("ingress", ("reply",), (*answers, *keeps, *kept, *bus)),
         ("ingress", ("liveliness_token",), (*announces, *keeps)),
         ("ingress", ("liveliness_query", "declare_liveliness_subscriber"), (*watches, *catches_up)),
         ("egress", PUTS, (*receives, *catches_up)),
@@ -107,15 +109,10 @@ def _keys(member: Member, action: AccessAction) -> list[str]:
     return [key for row in ruled_rows() if (key := key_of(member, action, row)) is not None]
 
 
-def _kept(member: Member) -> list[str]:
-    """Keys of the samples that it sends again: they are replies under the topic's own key."""
+def _kept(member: Member, action: AccessAction) -> list[str]:
+    """Keys of lossless topics, whose kept samples are sent again as replies under the topic's own key."""
     rows = [row for row in ruled_rows() if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
-    return [key for row in rows if (key := key_of(member, AccessAction.PUT, row)) is not None]
-
-
-def _advanced(member: Member, action: AccessAction) -> list[str]:
-    rows = [row for row in ruled_rows() if isinstance(row, Topic) and row.delivery is Delivery.LOSSLESS]
-    return [f"{key}/{ADVANCED}" for row in rows if (key := key_of(member, action, row)) is not None]
+    return [key for row in rows if (key := key_of(member, action, row)) is not None]
 
 
 def _bus_of(member: Member) -> list[str]:

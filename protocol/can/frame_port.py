@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import can
 
-from robrain.protocol.can.payload import ERROR, EXTENDED, ID_MASK, REMOTE
+from robrain.protocol.can.payload import EXTENDED, ID_MASK, flagged_identifier
 from robrain.protocol.clock import NS_PER_S
 
 
@@ -76,12 +76,5 @@ class MessagePort:
 
 def frame_of(message: can.Message) -> Frame:
     """A message as a frame."""
-    identifier = message.arbitration_id & ID_MASK
-    if message.is_extended_id:
-        identifier |= EXTENDED
-    if message.is_error_frame:
-        identifier |= ERROR
-    if message.is_remote_frame:
-        identifier |= REMOTE
     data = bytes(message.dlc) if message.is_remote_frame else bytes(message.data)
-    return Frame(identifier, data, round(message.timestamp * NS_PER_S))
+    return Frame(flagged_identifier(message), data, round(message.timestamp * NS_PER_S))

@@ -77,31 +77,28 @@ def data_in(payload: bytes) -> bytes:
 def unpack(payload: bytes, channel: str) -> can.Message:
     """Decode a payload: a CAN FD frame that passed `is_fd`, or a classic frame of at most `CLASSIC_BYTES`."""
     _, stamp_ns, identifier = HEADER.unpack_from(payload)
-    if len(payload) == FD_BYTES:
-        length, flags = payload[_LENGTH], payload[_FLAGS]
-        return can.Message(
-            timestamp=stamp_ns / 1e9,
-            arbitration_id=identifier & ID_MASK,
-            is_extended_id=bool(identifier & EXTENDED),
-            is_error_frame=bool(identifier & ERROR),
-            dlc=length,
-            data=payload[_DATA : _DATA + length],
-            is_fd=True,
-            bitrate_switch=bool(flags & _BIT_RATE_SWITCH),
-            error_state_indicator=bool(flags & _ERROR_STATE),
-            channel=channel,
-        )
-    data = payload[HEADER_BYTES:]
+    is_fd_frame, data = len(payload) == FD_BYTES, data_in(payload)
+    is_remote = bool(identifier & REMOTE)
+    flags = payload[_FLAGS] if is_fd_frame else 0
     return can.Message(
         timestamp=stamp_ns / 1e9,
         arbitration_id=identifier & ID_MASK,
         is_extended_id=bool(identifier & EXTENDED),
-        is_remote_frame=bool(identifier & REMOTE),
+        is_remote_frame=is_remote,
         is_error_frame=bool(identifier & ERROR),
         dlc=len(data),
-        data=None if identifier & REMOTE else data,
+        data=None if is_remote else data,
+        is_fd=is_fd_frame,
+        bitrate_switch=bool(flags & _BIT_RATE_SWITCH),
+        error_state_indicator=bool(flags & _ERROR_STATE),
         channel=channel,
     )
+
+
+def flagged_identifier(message: can.Message) -> int:
+    """A message's identifier with SocketCAN's flags for extended, remote and error frames."""
+    flags = EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame | ERROR * message.is_error_frame
+    return message.arbitration_id & ID_MASK | flags
 
 
 MODULUS = 256

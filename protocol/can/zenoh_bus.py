@@ -9,7 +9,7 @@ from collections.abc import Callable, Sized
 from contextlib import suppress
 from itertools import count
 from threading import get_ident
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
 import can
@@ -27,9 +27,9 @@ from robrain.protocol.can.payload import (
     IDENTIFIER,
     NO_STAMP,
     NODE,
-    REMOTE,
     STAMP,
     data_in,
+    flagged_identifier,
     is_fd,
     pack_fd,
     unpack,
@@ -49,23 +49,6 @@ ROUTES_MAX = 4096
 """Identifiers and senders whose receivers are cached."""
 
 
-class Node(Protocol):
-    """One node on the bus."""
-
-    dropped: int
-    """Frames lost because they were not received in time."""
-    frames: deque[bytes]
-    """Frames that have arrived; as many as its maxlen at the most."""
-    on_frame: Callable[[], None] | None
-    """Called after each."""
-
-    def wants(self, traveling: bytes, sender: "Node") -> bool:
-        """Whether it takes a sender's frames with an identifier, as it travels."""
-
-    def accept(self, payload: bytes) -> None:
-        """Take a frame that it wants."""
-
-
 class Segment:
     """The nodes of one bus of one session."""
 
@@ -73,8 +56,8 @@ class Segment:
 
     def __init__(self) -> None:
         self.owner = get_ident()
-        self._nodes: list[Node] = []
-        self.routes: dict[tuple[bytes, int], list[Node]] = {}
+        self._nodes: list[ZenohBus] = []
+        self.routes: dict[tuple[bytes, int], list[ZenohBus]] = {}
 
     @classmethod
     def of(cls, session: str, key: str) -> "Segment":
@@ -84,22 +67,18 @@ class Segment:
             found = cls._of_key[session, key] = cls()
         return found
 
-    def join(self, node: Node) -> None:
+    def join(self, node: "ZenohBus") -> None:
         """Have a node receive from now on."""
         self._nodes.append(node)
         self.routes.clear()
 
-    def leave(self, node: Node) -> None:
+    def leave(self, node: "ZenohBus") -> None:
         """Have it receive no more."""
         if node in self._nodes:
             self._nodes.remove(node)
         self.routes.clear()
 
-    def forget_filters(self) -> None:
-        """A node's filters have changed."""
-        self.routes.clear()
-
-    def find_route(self, identifier: bytes, sender: Node) -> list[Node]:
+    def find_route(self, identifier: bytes, sender: "ZenohBus") -> list["ZenohBus"]:
         """The nodes that want frames with an identifier from a sender."""
         if len(self.routes) >= ROUTES_MAX:
             self.routes.clear()
@@ -269,15 +248,10 @@ class ZenohBus(can.BusABC):
         """
         if self._is_shutdown:
             raise self._shut_down()
-        identifier = msg.arbitration_id
-        if not 0 <= identifier <= ID_MASK:
-            raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {identifier:#x}")
-        if msg.is_extended_id:
-            identifier |= EXTENDED
-        if msg.is_remote_frame:
-            identifier |= REMOTE
-        if msg.is_error_frame:
-            identifier |= ERROR
+        if not 0 <= msg.arbitration_id <= ID_MASK:
+            got = f"{msg.arbitration_id:#x}"
+            raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {got}")
+        identifier = flagged_identifier(msg)
         stamp_ns = self._now_ns() if self._now_ns is not None else 0
         if msg.is_fd:
             payload = self._pack_fd(msg, stamp_ns, identifier)
@@ -377,7 +351,7 @@ class ZenohBus(can.BusABC):
             chosen.append((value & mask, mask))
         self._filter = _Filter(chosen)  # in one go: frames may be arriving
         if self._segment is not None:
-            self._segment.forget_filters()
+            self._segment.routes.clear()  # which depend on its filters
 
     def shutdown(self) -> None:
         """Leave the bus; threads waiting in `recv` are woken."""
@@ -429,7 +403,7 @@ class ZenohBus(can.BusABC):
     def _shut_down(self) -> can.CanOperationError:
         return can.CanOperationError(f"{self.channel_info}: is shut down")
 
-    def wants(self, traveling: bytes, sender: Node) -> bool:
+    def wants(self, traveling: bytes, sender: "ZenohBus") -> bool:
         """Whether the filters accept an identifier, as it travels, and the sender is another or is accepted too."""
         return self._filter[traveling] and (sender is not self or self._receives_own)
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.table.topics import all_topics, topic_of
 from robrain.protocol.topic import Topic
 from robrain.recording.errors import RecordingError
@@ -79,11 +78,8 @@ class Recording:
             if parsed is None or any(parsed.get(name) != value for name, value in names.items()):
                 continue
             t_s = to_seconds(message.log_time_ns - self.info.start_ns)
-            try:
-                decoded = message.payload if wanted.message is None else wanted.payloads.read(message.payload)
-            except BadPayload:
-                continue
-            yield LoadedMessage(t_s, parsed, decoded)
+            if (decoded := wanted.payloads.read_if_valid(message.payload)) is not None:
+                yield LoadedMessage(t_s, parsed, decoded)
 
     def table(self, topic: str) -> "pd.DataFrame":
         """The messages of one topic as a table: a row each, nested fields have dots in their names.

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, Union, get_args, get_origin
 import msgspec
 
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.topic import Topic
 from robrain.recording.reader.recorded_message import RecordedMessage
 
@@ -69,13 +68,11 @@ class Table:
         row += [names.get(name) for name in self._names]
         if self.topic.message is None:
             return [*row, len(message.payload)]
-        try:
-            # Decoded as its type, so that a field missing in an older recording has its default.
-            decoded = msgspec.to_builtins(self.topic.payloads.read(message.payload))
-        except BadPayload:
+        # Decoded as its type, so that a field missing in an older recording has its default.
+        if (decoded := self.topic.payloads.read_if_valid(message.payload)) is None:
             return None
-        row += [_cell(decoded, column) for column in self._fields]
-        return row
+        built = msgspec.to_builtins(decoded)
+        return row + [_cell(built, column) for column in self._fields]
 
 
 def columns_of(message: Any) -> list[Column]:

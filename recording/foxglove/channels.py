@@ -6,7 +6,7 @@ those of the package `foxglove-schemas-protobuf`; viewers draw them by name.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
@@ -46,7 +46,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG, LogRecord
-from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
 from robrain.protocol.messages.team.team_messages import HALT, Halt
@@ -105,11 +105,6 @@ def transforms(poses: Iterable[tuple[str, Pose2D, int]]) -> FrameTransforms:
             for robot, at, stamp_ns in poses
         ]
     )
-
-
-def pose_in_frame(at: Pose2D, stamp_ns: int) -> PoseInFrame:
-    """One pose."""
-    return PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=ARENA, pose=pose(at.x_m, at.y_m, yaw_rad=at.yaw_rad))
 
 
 def poses_in_frame(points: Sequence[Point2D], stamp_ns: int, z_m: float = 0.02) -> PosesInFrame:
@@ -193,17 +188,6 @@ def map_grid(grid: OccupancyGrid, stamp_ns: int) -> Grid:
         fields=fields,
         data=colors[grid.classes().view(np.uint8)].tobytes(),
     )
-
-
-def wall_cubes(boxes: NDArray[np.float32], rgb: Rgb) -> list[CubePrimitive]:
-    """Raised walls; boxes (N, 4) of middle x, y and sizes, metres."""
-    wall = color(rgb)
-    return [
-        CubePrimitive(
-            pose=pose(x_m, y_m, WALL_HEIGHT_M / 2), size=Vector3(x=width_m, y=depth_m, z=WALL_HEIGHT_M), color=wall
-        )
-        for x_m, y_m, width_m, depth_m in boxes.tolist()
-    ]
 
 
 def log(stamp_ns: int, level: str, source: str, text: str) -> Log:
@@ -334,18 +318,12 @@ def task_entity(event: TaskEvent, stamp_ns: int) -> SceneEntity:
 
 
 def walls_entity(boxes: NDArray[np.float32], stamp_ns: int) -> SceneEntity:
-    """The known walls, raised."""
-    entity = _entity("walls", ARENA, stamp_ns)
-    entity.cubes.extend(wall_cubes(boxes, WALL))
+    """The known walls, raised; boxes (N, 4) of middle x, y and sizes, metres."""
+    entity, rgb = _entity("walls", ARENA, stamp_ns), color(WALL)
+    for x_m, y_m, width_m, depth_m in boxes.tolist():
+        size = Vector3(x=width_m, y=depth_m, z=WALL_HEIGHT_M)
+        entity.cubes.append(CubePrimitive(pose=pose(x_m, y_m, WALL_HEIGHT_M / 2), size=size, color=rgb))
     return entity
-
-
-def robots_scene(states: Mapping[str, RobotState], indices: Mapping[str, int], stamp_ns: int) -> SceneUpdate:
-    """All robots that know their poses."""
-    entities = (
-        robot_entity(state, indices[robot], stamp_ns) for robot, state in states.items() if state.pose is not None
-    )
-    return scene_update(entities, stamp_ns)
 
 
 def _entity(name: str, frame: str, stamp_ns: int) -> SceneEntity:
@@ -442,7 +420,7 @@ class FoxgloveChannels:
                 yield VisualMessage(visual_topics.TRANSFORMS, transforms(poses), now_ns)
         if self._is_due("scans", SCANS_NS, now_ns):
             with_points = self._is_due("points", 2 * SCANS_NS, now_ns)
-            for scan in self._drain(ARENA_SCAN, Scan):
+            for scan in self._drain(ARENA_SCAN):
                 channel = visual_topics.of_robot(scan.robot, "scan")
                 yield VisualMessage(channel, laser_scan(scan, scan.stamp_ns), now_ns)
                 if with_points:
@@ -471,7 +449,7 @@ class FoxgloveChannels:
         return True
 
     def _decode_states(self) -> None:
-        for state in self._drain(ROBOT_STATE, RobotState):
+        for state in self._drain(ROBOT_STATE):
             self._decoded[state.robot] = state
             self._indices.setdefault(state.robot, len(self._indices))
             if state.pose is not None:
@@ -481,22 +459,26 @@ class FoxgloveChannels:
                     del trail[:-TRAIL_POINTS]
 
     def _robots(self, now_ns: int) -> Iterator[VisualMessage]:
-        robots = robots_scene(self._decoded, self._indices, now_ns)
-        yield VisualMessage(visual_topics.ROBOTS, robots, now_ns)
+        placed = [state for state in self._decoded.values() if state.pose is not None]
+        entities = [robot_entity(state, self._indices[state.robot], now_ns) for state in placed]
+        yield VisualMessage(visual_topics.ROBOTS, scene_update(entities, now_ns), now_ns)
         for state in self._decoded.values():
-            if state.pose is not None:
-                channel = visual_topics.of_robot(state.robot, "pose")
-                yield VisualMessage(channel, pose_in_frame(state.pose, state.stamp_ns), now_ns)
+            if (at := state.pose) is not None:
+                own_pose = pose(at.x_m, at.y_m, yaw_rad=at.yaw_rad)
+                message = PoseInFrame(timestamp=timestamp(state.stamp_ns), frame_id=ARENA, pose=own_pose)
+                yield VisualMessage(visual_topics.of_robot(state.robot, "pose"), message, now_ns)
             if state.battery is not None:
                 yield VisualMessage(visual_topics.of_robot(state.robot, "battery"), _battery(state), now_ns)
 
     def _marks(self, now_ns: int) -> Iterator[VisualMessage]:
-        for path in self._drain(ROBOT_PATH, PlannedPath):
+        for path in self._drain(ROBOT_PATH):
             channel = visual_topics.of_robot(path.robot, "path")
             yield VisualMessage(channel, poses_in_frame(path.points, path.stamp_ns, z_m=0.05), now_ns)
         received = self._latest[MOTE_READING.name]
         if received and self._is_due("motes", 2 * MARKS_NS, now_ns):
-            readings = [reading for payload in received.values() if (reading := self._decode(payload, MoteReading))]
+            readings = [
+                reading for payload in received.values() if (reading := MOTE_READING.payloads.read_if_valid(payload))
+            ]
             entities = [entity for reading in readings if (entity := mote_entity(reading, now_ns))]
             if readings:
                 yield VisualMessage(visual_topics.MOTES, scene_update(entities, now_ns), now_ns)
@@ -528,7 +510,7 @@ class FoxgloveChannels:
     def _received_lines(self, now_ns: int) -> Iterator[VisualMessage]:
         lines, self._lines = self._lines, []
         for topic, payload in lines:
-            message = None if topic.message is None else self._decode(payload, topic.message)
+            message = topic.payloads.read_if_valid(payload)
             if isinstance(message, TaskEvent):
                 line = self._handle_task(message)
             elif isinstance(message, LogRecord):
@@ -552,19 +534,12 @@ class FoxgloveChannels:
         level = "warning" if event.state in ("failed", "lost_contact") else "info"
         return log(event.stamp_ns, level, "task", f"{event.task.id} {event.state}{holder}{reason}")
 
-    def _drain(self, topic: Topic[Any], kind: type[Kind]) -> Iterator[Kind]:
+    def _drain(self, topic: Topic[Kind]) -> Iterator[Kind]:
         """The latest messages of a topic, which are then forgotten."""
         payloads, self._latest[topic.name] = self._latest[topic.name], {}
         for payload in payloads.values():
-            message = self._decode(payload, kind)
-            if message is not None:
+            if (message := topic.payloads.read_if_valid(payload)) is not None:
                 yield message
-
-    def _decode(self, payload: bytes, kind: type[Kind]) -> Kind | None:
-        try:
-            return msgspec.json.decode(payload, type=kind)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            return None
 
 
 def _battery(state: RobotState) -> BatteryPlot:

@@ -11,7 +11,6 @@ An invariant is a subclass of `InvariantJudge`, and its line in `JUDGES`.
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
@@ -65,11 +64,9 @@ class Judging:
         """Receive recorded messages: for `LockstepRun.follow`."""
         for topic, _, payload, _, _ in recorded:
             if topic.message in self._handlers:
-                try:
-                    message = topic.payloads.read(payload)
-                except BadPayload:  # not of the team: its border refuses such as well
-                    continue
-                self.handle(message, now_ns)
+                message = topic.payloads.read_if_valid(payload)
+                if message is not None:  # else not of the team: its border refuses such as well
+                    self.handle(message, now_ns)
 
     def finish(self) -> list[Ruling]:
         """Verdict on each invariant, in the order of the judges; to be called when the run has ended."""

@@ -4,7 +4,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from robrain.protocol.border.border import Received
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.table.topics import topic_of
 from robrain.protocol.topic import Topic
 
@@ -41,7 +40,5 @@ def received(recorded: RecordedMessage) -> Received | None:
     if found is None or found[0].message is None:
         return None
     topic, names = found
-    try:
-        return Received(topic, recorded.topic_key, names, topic.payloads.read(recorded.payload))
-    except BadPayload:
-        return None
+    message = topic.payloads.read_if_valid(recorded.payload)
+    return None if message is None else Received(topic, recorded.topic_key, names, message)

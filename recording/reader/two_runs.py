@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from robrain.protocol.clock import to_seconds
+from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
@@ -316,8 +317,8 @@ def compare_messages(
             topic=topic.name if topic is not None else "",
             what=what,
             path=path,
-            first=_cut(one),
-            second=_cut(two),
+            first=cut(one, VALUE_SHOWN),
+            second=cut(two, VALUE_SHOWN),
         )
 
     if first is None or second is None:
@@ -382,7 +383,3 @@ def differing_path(one: Any, two: Any, path: str = "$") -> tuple[str, str, str] 
 
 def _json(value: Any) -> str:
     return msgspec.json.encode(value).decode()
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= VALUE_SHOWN else text[: VALUE_SHOWN - 1] + "…"

@@ -86,16 +86,6 @@ def test_history_reckons_energy_as_measured_and_as_predicted() -> None:
     assert (last.error_m, last.sigma_m) == (pytest.approx(0.5), pytest.approx(0.2))
 
 
-def test_gap_costs_no_energy_and_a_clock_that_falls_back_begins_anew() -> None:
-    history = RobotHistory()
-    history.handle(state(0.0), None)
-    history.handle(state(100.0), None)
-    assert history.samples[-1].measured_j == 0.0
-    assert math.isnan(history.samples[-1].error_m)
-    history.handle(state(50.0), None)
-    assert len(history.samples) == 1
-
-
 def test_condition_tells_the_worst_first() -> None:
     robot = ShownRobot("r1", 0, last_seen_s=0.0)
     robot.state = RobotState(robot="r1")
@@ -261,13 +251,3 @@ def test_recorder_that_falls_silent_is_an_alert_unless_it_has_closed_its_file() 
     assert said.startswith("says nothing any more")
     assert recorder_says(view, 71.0, file="run.mcap", closed=True) == []
     assert recorder_says(view, 99.0) == []
-
-
-def test_recorder_that_was_killed_is_no_alert_once_another_follows_it() -> None:
-    view = ShownTeam()
-    for now_s in (0.0, 1.0):
-        recorder_says(view, now_s, file="run.mcap")
-    recorder_says(view, 2.0, "second", file="run.1.mcap")
-    assert recorder_says(view, 11.0) != []
-    assert recorder_says(view, 12.0, "third", file="run.2.mcap") == []
-    assert recorder_says(view, 12.0) == []

@@ -3,7 +3,6 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from robrain.dashboard.layers.marker_layers import scan_points
@@ -45,12 +44,6 @@ def test_boxes_cover_the_occupied_cells_and_no_others(mask: np.ndarray) -> None:
     assert (covered == mask).all()
 
 
-def test_straight_wall_is_one_box() -> None:
-    mask = np.zeros((50, 60), np.bool_)
-    mask[3:5, 2:58] = True
-    assert cover_with_boxes(mask).tolist() == [[3, 2, 2, 56]]
-
-
 def test_scan_is_drawn_where_its_beams_ended() -> None:
     robot = ShownRobot("r1", 0, state=RobotState(robot="r1", pose=Pose2D(1.0, 2.0, math.pi / 2)))
     assert scan_points(robot).shape == (0, 3)
@@ -58,14 +51,6 @@ def test_scan_is_drawn_where_its_beams_ended() -> None:
         robot="r1", angle_min_rad=0.0, angle_increment_rad=math.pi / 2, range_max_m=4.0, ranges_mm=[1000, 0, 2000]
     )
     np.testing.assert_allclose(scan_points(robot)[:, :2], [[1.0, 3.0], [1.0, 0.0]], atol=1e-6)
-
-
-@given(st.floats(0.1, 100.0))
-def test_steady_growth_is_measured_exactly(per_s: float) -> None:
-    meter = RateMeter()
-    for tick in range(100):
-        meter.add(tick * 0.2, per_s * tick * 0.2)
-    assert meter.per_s == pytest.approx(per_s)
 
 
 def test_rate_is_of_the_last_seconds_and_unknown_after_a_fresh_start() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
-from robrain.dashboard.state.radio_links import best_links, links_of_robot, mote_routes
+from robrain.dashboard.state.radio_links import mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ExplorationLeft, LeftKind, RegionLeft
@@ -16,7 +16,6 @@ from robrain.protocol.messages.motes.mote_messages import (
     MoteFieldState,
     MoteReading,
 )
-from robrain.protocol.messages.team.arena_messages import ARENA_CLOCK, ArenaClock
 from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page
@@ -52,15 +51,6 @@ def test_field_is_told_in_figures_with_its_forwarders_and_gateways() -> None:
     assert '<b class="rb-bad">3</b>' in field_html(view_of(FIELD))
 
 
-def test_nothing_is_shown_of_a_field_that_is_not_kept_and_of_a_plain_one_no_empty_tables() -> None:
-    assert field_html(ShownTeam()) == field_html(view_of()) == rules_html(ShownTeam()) == rules_html(view_of()) == ""
-    plain = MoteFieldState(motes=3, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=3)
-    html = field_html(view_of(plain))
-    assert "Gateways" not in html
-    assert "Passed on" not in html
-    assert "field-duty" not in html
-
-
 def test_names_from_the_wire_never_become_markup() -> None:
     field = msgspec.structs.replace(
         FIELD,
@@ -94,15 +84,6 @@ def test_routes_lead_from_each_mote_to_the_one_that_passes_its_readings_on_and_t
     assert [(start.x_m, end.x_m) for start, end in mote_routes(view)] == [(2.0, 1.0)]
 
 
-def test_a_reading_that_was_passed_on_shows_no_radio_link_to_who_told_it() -> None:
-    view = ShownTeam()
-    tell(view, MOTE_READING, reading("m3", 3.0, hops=1, forwarder="m2"), mote="m3")
-    assert best_links(view, view.motes.values()) == []
-    assert view.motes["m3"].links == {}
-    assert links_of_robot(view, "r1", 0.0) == []
-    assert "+1" in motes_html(view)
-
-
 # -- what exploration has left -----------------------------------------------------------------------------------
 
 
@@ -120,18 +101,3 @@ def test_regions_are_listed_with_kind_place_area_and_reason() -> None:
     assert row == ("too narrow", "9.1, 2.2", "5.0 m²")
     assert values["left-1-why"] == "the gap is 0.39 m wide (measured), robots need 0.44 m"
     assert values["left-more"] == "and 2 more, 1.5 m²"
-
-
-def test_before_exploration_has_ended_nothing_is_shown_and_then_that_nothing_is_left() -> None:
-    view = ShownTeam()
-    assert left_html(view) == ""
-    tell(view, COORDINATOR_LEFT, ExplorationLeft())
-    assert "Nothing is left" in left_html(view)
-
-
-def test_another_run_forgets_the_regions() -> None:
-    view = ShownTeam()
-    tell(view, COORDINATOR_LEFT, ExplorationLeft(regions=[REGION]))
-    for sim_time_s in (100.0, 1.0):
-        tell(view, ARENA_CLOCK, ArenaClock(sim_time_s=sim_time_s))
-    assert view.left is None

@@ -71,24 +71,6 @@ def test_what_is_typed_becomes_arguments_and_what_is_left_out_stays_out() -> Non
     assert msgspec.convert(arguments, Arguments).place == Point2D(1.0, -2.0)
 
 
-@pytest.mark.parametrize(
-    ("typed", "said"),
-    [
-        ({}, "distance_m: expected a number, got nothing"),
-        ({"distance_m": "far"}, "distance_m: expected a number, got 'far'"),
-        ({"distance_m": "inf"}, "distance_m: expected a number, got 'inf'"),
-        ({"distance_m": "1"}, "place.x_m: expected a number, got nothing"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "times": "1.5"}, "times: expected a whole number"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "mode": "x"}, "mode: expected a choice of fast, slow"),
-        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "points": "[["}, "points: expected a value in JSON"),
-    ],
-)
-def test_mistake_names_the_field(typed: dict[str, str], said: str) -> None:
-    with pytest.raises(ValueError, match="expected") as mistake:
-        arguments_of(FIELDS, typed)
-    assert str(mistake.value).startswith(said)
-
-
 @given(st.dictionaries(st.sampled_from([field.label for field in FIELDS]), st.text(max_size=12)))
 def test_whatever_is_typed_becomes_arguments_or_a_mistake_that_names_a_field(typed: dict[str, str]) -> None:
     mistake = ""
@@ -105,15 +87,6 @@ json_values = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(SCHEMA_WORDS), inner, max_size=4),
     max_leaves=12,
 )
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(st.dictionaries(st.sampled_from(SCHEMA_WORDS), json_values, max_size=5))
-def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> None:
-    for field in fields_of(schema):
-        assert isinstance(field, FormField)
-        assert isinstance(field.title, str)
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS.values(), key=lambda known: known.kind), ids=lambda known: known.kind)
@@ -153,3 +126,30 @@ def test_a_kind_whose_schema_is_nonsense_has_the_fields_that_every_task_has(nons
     schema = nonsense if isinstance(nonsense, dict) else {"properties": nonsense, "required": nonsense}
     labels = [field.label for field in task_fields(KnownKind(kind="odd", parameters=schema))]
     assert {"place.x_m", "place.y_m", "priority"} <= set(labels)
+
+
+@pytest.mark.slow
+@settings(max_examples=30)
+@given(st.dictionaries(st.sampled_from(SCHEMA_WORDS), json_values, max_size=5))
+def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> None:
+    for field in fields_of(schema):
+        assert isinstance(field, FormField)
+        assert isinstance(field.title, str)
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ({}, "distance_m: expected a number, got nothing"),
+        ({"distance_m": "far"}, "distance_m: expected a number, got 'far'"),
+        ({"distance_m": "inf"}, "distance_m: expected a number, got 'inf'"),
+        ({"distance_m": "1"}, "place.x_m: expected a number, got nothing"),
+        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "times": "1.5"}, "times: expected a whole number"),
+        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "mode": "x"}, "mode: expected a choice of fast, slow"),
+        ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "points": "[["}, "points: expected a value in JSON"),
+    ],
+)
+def test_mistake_names_the_field(typed: dict[str, str], said: str) -> None:
+    with pytest.raises(ValueError, match="expected") as mistake:
+        arguments_of(FIELDS, typed)
+    assert str(mistake.value).startswith(said)

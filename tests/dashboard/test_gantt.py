@@ -4,7 +4,7 @@ from robrain.dashboard.html.task_html import gantt_html, planned_entries
 from robrain.dashboard.state.shown_robot import ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
-from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_CHARGES,
@@ -64,12 +64,6 @@ def test_tasks_stand_at_their_expected_times() -> None:
     ]
     assert planned_entries(view, ShownRobot("r2", 1), NOW_NS) == []
     assert [one.end_ns // S for one in planned_entries(view, robot, 120 * S)] == [145, 175]
-
-
-def test_task_that_its_robot_has_already_is_drawn_so() -> None:
-    view, robot = view_of(next_task=TaskStatus(id="b", epoch=2, state=TaskState.OFFERED))
-    assert [one.kind for one in planned_entries(view, robot, NOW_NS)] == ["held", "held", "planned"]
-    assert "visit b: held ready" in gantt_html(view)
 
 
 def test_charging_is_drawn_from_when_to_when_and_forgotten_once_it_is_past() -> None:

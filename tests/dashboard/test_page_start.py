@@ -72,15 +72,6 @@ def test_patches_wait_while_what_merges_them_loads_and_other_messages_do_not(loa
     assert list(loading.let_through([CLOCK, third])) == [CLOCK, third]
 
 
-def test_held_patches_of_a_run_that_is_over_are_dropped(loaded: threading.Event) -> None:
-    loading, late = MapLoading(), patch(5)
-    assert list(loading.let_through([patch(2), patch(3)])) == []
-    loading.forget()
-    loaded.set()
-    loading.close()
-    assert list(loading.let_through([late])) == [late]
-
-
 def test_patches_that_are_too_many_are_counted(loaded: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_source, "HELD_PATCHES", 2)
     loading, patches = MapLoading(), [patch(columns) for columns in (2, 3, 4)]

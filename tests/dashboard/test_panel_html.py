@@ -109,12 +109,6 @@ def test_halt_is_told_with_how_many_obey() -> None:
     assert told == "EMERGENCY HALT by dashboard: smoke.1 of 2 robots report that they are halted."
 
 
-def test_lost_link_is_told_before_all_else() -> None:
-    view = ShownTeam()
-    view.connected = False
-    assert "connection" in Page(strip_html(view, 0.0)).values
-
-
 TRACEBACK = """Traceback (most recent call last):
   File "/home/ada/my_plugins/greeter.py", line 12, in step
     self.seconds += one

@@ -6,11 +6,11 @@ import numpy as np
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.dashboard.html.team_html import robots_html, strip_html
+from robrain.dashboard.html.team_html import strip_html
 from robrain.dashboard.state.alerts import alerts_of
 from robrain.dashboard.state.headline import Grade, headline_of, vitals_of
 from robrain.dashboard.state.shown_robot import RobotHealth
-from robrain.dashboard.state.shown_team import PLAN_S, ShownTeam
+from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import (
@@ -53,50 +53,26 @@ def prepared() -> ShownTeam:
     return view
 
 
-def test_floor_plan_robots_and_motes_are_drawn_before_the_run_begins() -> None:
+def test_plan_is_drawn_until_the_first_tick_and_then_the_map_replaces_it() -> None:
     view = prepared()
     assert view.floor is not None
     assert np.array_equal(view.floor.classes, CELLS)
-    assert view.floor_geometry is not None
-    assert view.floor_geometry.shape == (2, 3)
     assert view.robots["r1"].pose == Pose2D(1.0, 0.5, 0.0)
     assert view.motes["m1"].place == Point2D(0.5, 0.5)
-
-
-def test_waiting_robots_are_ready_and_nothing_is_wrong_however_long_it_takes() -> None:
-    view = prepared()
+    # Waiting robots are ready, and nothing is wrong however long it takes.
     assert view.robots["r1"].condition(LONG_S) is RobotHealth.READY
     assert headline_of(vitals_of(view, LONG_S)).grade is Grade.GOOD
     assert alerts_of(view, LONG_S) == []
-    assert "ready" in robots_html(view, LONG_S)
-
-
-def test_first_tick_ends_the_preparation_and_the_teams_map_replaces_the_plan() -> None:
-    view = prepared()
     version = view.floor_version
     tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=0.1))
     assert view.preparation is None
     assert view.robots["r1"].pose is None
     assert "preparation" not in strip_html(view, 0.0)
-    assert view.floor is not None
     assert np.array_equal(view.floor.classes, CELLS)
-    tell(view, ROBOT_MAP, first_patch(), robot="r1")
-    assert view.floor is not None
+    patch = to_message("r1", GridGeometry(0.5, 0.0, 0.0, 4, 4), PatchCells(0, 0, CELLS, 1))
+    tell(view, ROBOT_MAP, patch, robot="r1")
     assert view.floor.geometry.shape == (4, 4)
     assert view.floor_version != version
-
-
-def test_without_a_map_the_plan_is_gone_after_some_seconds_of_the_run() -> None:
-    view = prepared()
-    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S))
-    assert view.floor is not None
-    tell(view, arena_messages.ARENA_CLOCK, ArenaClock(sim_time_s=PLAN_S + 0.1))
-    assert view.floor is None
-
-
-def first_patch() -> MapPatch:
-    grid = GridGeometry(0.5, 0.0, 0.0, 4, 4)
-    return to_message("r1", grid, PatchCells(0, 0, CELLS, 1))
 
 
 def test_plan_that_does_not_fill_its_grid_is_rejected_whole() -> None:

@@ -12,9 +12,9 @@ from robrain.dashboard.state.radio_links import (
 from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
-from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.robot_messages import ROBOT_LINKS, RadioLink, RobotLinks, RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from tests.mote_readings import reading
 
 NOW_S = 10.0
 
@@ -62,22 +62,11 @@ def test_team_is_held_together_by_its_strongest_links_alone() -> None:
     assert team_links(team(r1=1.0), NOW_S) == []
 
 
-def test_link_of_a_lost_robot_is_not_drawn() -> None:
-    view = team(r1=1.0, r2=2.0)
-    tell(view, "r1", r2=-60.0)
-    view.robots["r2"].present = False
-    assert team_links(view, NOW_S) == []
-    assert links_of_robot(view, "r1", NOW_S) == []
-
-
 def test_selected_robot_shows_all_that_it_hears() -> None:
     view = team(r1=1.0, r2=2.0)
     for name, x_m in (("m1", -1.0), ("m2", -2.0), ("m3", -3.0)):
         view.motes[name] = ShownMote(name, place=Point2D(x_m, 0.0))
-    reading = MoteReading(
-        mote="m2", place=None, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=-88.0, via="r1", stamp_ns=5
-    )
-    view.motes["m2"].receive(reading)
+    view.motes["m2"].receive(reading("m2", rssi_dbm=-88.0, stamp_ns=5))
     view.motes["m2"].place = Point2D(-2.0, 0.0)
     tell(view, "r1", m1=-70.0, r2=-60.0, m7=-50.0)
     tell(view, "r2", m3=-70.0)
@@ -94,18 +83,8 @@ def test_motes_have_neither_label_nor_link_until_somebody_zooms_in_or_selects() 
     for number in range(1, 4):
         name = f"m{number}"
         view.motes[name] = ShownMote(name)
-        view.motes[name].receive(
-            MoteReading(
-                mote=name,
-                place=Point2D(10.0 * number, 0.0),
-                quantity="t",
-                value=1.0,
-                voltage_v=3.0,
-                rssi_dbm=-70.0,
-                via="r1" if number == 1 else "r2",
-                stamp_ns=5,
-            )
-        )
+        via = "r1" if number == 1 else "r2"
+        view.motes[name].receive(reading(name, place=Point2D(10.0 * number, 0.0), via=via, stamp_ns=5))
 
     def seen(focus: Focus) -> tuple[list[str], int]:
         return [mote.name for mote in motes_in_focus(view, focus)], len(links_in_focus(view, focus, NOW_S))

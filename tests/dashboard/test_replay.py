@@ -32,18 +32,6 @@ def look_at(source: ReplaySource, time_s: float, now_s: float = 0.0) -> None:
     source.receive(now_s)
 
 
-def test_recording_stands_at_its_beginning_until_it_is_played(source: ReplaySource) -> None:
-    for now_s in (1.0, 2.0, 3.0):
-        source.receive(now_s)
-    assert not source.player.playing
-    assert source.player.position_s == 0.0
-    source.toggle()
-    source.receive(4.0)
-    source.receive(5.0)
-    assert source.player.playing
-    assert source.player.position_s == pytest.approx(1.0, abs=0.1)
-
-
 def test_recording_stands_where_it_was_asked_to_and_is_played_at_the_speed_asked_for(recording: Path) -> None:
     source = ReplaySource(recording, speed=2.0, start_s=3.0)
     source.receive(0.0)

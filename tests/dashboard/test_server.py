@@ -5,8 +5,6 @@ import pytest
 import viser
 
 from robrain.dashboard import Dashboard
-from robrain.dashboard.layers.layer import FIRST_RETRY_S
-from robrain.dashboard.layers.marker_layers import ChargerLayer
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.protocol.errors import PortInUse, WireError
 from robrain.protocol.wire.endpoint import Endpoint
@@ -41,24 +39,6 @@ def test_two_dashboards_on_free_ports_stand_side_by_side_and_print_nothing(
     out, err = capfd.readouterr()
     assert out == ""
     assert "viser" not in err
-
-
-def test_a_layer_that_cannot_draw_is_hidden_and_the_page_with_its_halt_goes_on(
-    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(ChargerLayer, "_draw", lambda *_: 1 / 0)
-    dashboard = Dashboard(endpoint, port=0)
-    try:
-        now_s = time.monotonic()
-        for later_s in (0.0, FIRST_RETRY_S - 1.0):  # nobody looks on: it is drawn once a second
-            dashboard.step(now_s + later_s)
-        hidden = [layer.label for layer in dashboard._scene.layers if not layer._root.visible]
-        assert ChargerLayer.label in hidden
-        assert [record.getMessage() for record in caplog.records if record.exc_info] == [
-            f"the layer {ChargerLayer.label} cannot be drawn; it is hidden, next try in 5 s"
-        ]
-    finally:
-        dashboard.close()
 
 
 def test_no_public_tunnel_is_opened_when_a_client_asks_for_one() -> None:

@@ -145,11 +145,6 @@ def test_times_of_a_sender_whose_clock_differs_are_converted_to_the_receivers(wi
     assert refusals(wire) == []
 
 
-def test_a_halt_counts_whatever_the_operators_clock_says(wire, inbox):
-    wire.publisher(HALT).put(Halt(halted=True, by="ann"), to_ns(1e9))
-    assert [received.message.by for received in inbox.drain()] == ["ann"]
-
-
 def test_a_reply_that_names_another_robot_than_was_asked_is_refused(wire):
     wire.answer(ROBOT_MAP_WHOLE, lambda _: map_of("r2"))
     assert wire.ask(ROBOT_MAP_WHOLE, robot="r2").robot == "r2"

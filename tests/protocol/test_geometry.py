@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 
 METRES = st.floats(-1e3, 1e3)
 ANGLES = st.floats(-10.0, 10.0)
@@ -27,20 +27,6 @@ def test_composing_is_associative(T_a_b, T_b_c, T_c_d):
     assert_same_pose(T_a_b.compose(T_b_c).compose(T_c_d), T_a_b.compose(T_b_c.compose(T_c_d)))
 
 
-def test_what_is_ahead_of_a_robot_that_faces_left_lies_along_y():
-    T_arena_robot = Pose2D(1.0, 2.0, math.pi / 2)
-    assert_same_pose(T_arena_robot.compose(Pose2D(3.0, 0.0, 0.0)), Pose2D(1.0, 5.0, math.pi / 2))
-
-
-@pytest.mark.slow
-@given(st.floats(-1e6, 1e6))
-def test_a_wrapped_angle_is_the_same_direction_in_the_promised_range(angle_rad):
-    wrapped_rad = wrap_angle_rad(angle_rad)
-    assert -math.pi < wrapped_rad <= math.pi
-    assert math.cos(wrapped_rad) == pytest.approx(math.cos(angle_rad), abs=1e-9)
-    assert math.sin(wrapped_rad) == pytest.approx(math.sin(angle_rad), abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("angle_rad", "wrapped_rad"),
     [
@@ -53,19 +39,3 @@ def test_a_wrapped_angle_is_the_same_direction_in_the_promised_range(angle_rad):
 )
 def test_the_ends_of_the_range_are_where_they_are_said_to_be(angle_rad, wrapped_rad):
     assert wrap_angle_rad(angle_rad) == pytest.approx(wrapped_rad, abs=1e-12)
-
-
-@given(METRES, METRES, METRES, METRES)
-def test_distance_is_the_same_there_and_back_and_for_points(ax, ay, bx, by):
-    a, b = Pose2D(ax, ay, 1.0), Pose2D(bx, by, -1.0)
-    assert a.distance_m(b) == b.distance_m(a) == a.distance_m(Point2D(bx, by))
-    assert a.distance_m(a) == 0.0
-
-
-def test_three_four_five():
-    assert Pose2D(0.0, 0.0, 0.0).distance_m(Point2D(3.0, 4.0)) == 5.0
-
-
-def test_distance_between_points_and_poses_is_euclidean():
-    assert Point2D(1.0, -1.0).distance_m(Point2D(4.0, 3.0)) == 5.0
-    assert Pose2D(1.0, -1.0, 2.0).distance_m(Pose2D(4.0, 3.0, 0.0)) == 5.0

@@ -33,8 +33,3 @@ def test_work_in_sequence_takes_the_time_of_both_paths() -> None:
 def test_work_without_a_path_leaves_the_speed_of_the_other() -> None:
     assert (Work(wait_s=5.0) + Work(4.0, speed_m_s=1.0)).speed_m_s == 1.0
     assert (Work(3.0) + Work(4.0)).speed_m_s is None
-
-
-def test_work_at_the_usual_pace_and_at_a_speed_cannot_be_added() -> None:
-    with pytest.raises(ValueError, match="with a speed"):
-        Work(3.0) + Work(4.0, speed_m_s=1.0)

@@ -1,17 +1,26 @@
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
 
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.writer import recording_file
-from tests.recording.stage import FullDisk, Stage
+from tests.recording.stage import FullDisk, Stage, depot_run
 
 
 @pytest.fixture(scope="module")
 def session() -> Iterator[zenoh.Session]:
     with open_lockstep_session() as session:
         yield session
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded run, which no test changes."""
+    path = tmp_path_factory.mktemp("depot") / "run.mcap"
+    depot_run(path)
+    return path
 
 
 @pytest.fixture

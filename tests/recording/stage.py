@@ -19,6 +19,8 @@ from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, Rec
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.provenance import SUMMARY_METADATA, Provenance
 from robrain.recording.writer.recorder import Recorder
+from robrain.sim.lockstep.result import RunResult
+from robrain.sim.scenarios.scenario import Scenario
 
 LINE = b'{"robot":"r1","level":"info","source":"s","text":"t"}'
 PROVENANCE = Provenance(
@@ -31,6 +33,7 @@ PROVENANCE = Provenance(
     manifests={"robots/r1.toml": "[robot]\n"},
 )
 STEP_S = 0.1
+RUN_S = 12.0
 
 
 class Stage:
@@ -73,6 +76,11 @@ class FullDisk(FileIO):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         FullDisk.room_bytes -= fits
         return super().write(data[:fits])
+
+
+def depot_run(record: Path | None = None) -> RunResult:
+    """A run of two robots and some motes."""
+    return Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=RUN_S, record=record)
 
 
 def metadata_of(path: Path) -> dict[str, dict[str, str]]:

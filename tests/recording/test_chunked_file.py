@@ -8,7 +8,6 @@ from mcap.records import Channel, Chunk, Header, Message, Schema
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader import chunked_file
 from robrain.recording.reader.chunked_file import ChunkedFile
 
 CHANNEL = Channel(id=3, topic="/a", message_encoding="json", metadata={}, schema_id=7)
@@ -55,12 +54,6 @@ def test_channels_and_schemas_outside_of_chunks_are_known(path: Path) -> None:
     [one] = found.read(0)
     assert (one.topic_key, one.log_time_ns, one.publish_time_ns, one.sequence) == ("/a", 5, 6, 7)
     assert (one.payload, one.encoding) == (b"{}", "json")
-
-
-def test_channels_and_schemas_inside_of_chunks_are_known(path: Path) -> None:
-    found = without_end(path, chunk(SCHEMA, CHANNEL, message(5), message(6)))
-    assert (found.channels, found.schemas, found.counts) == ({3: CHANNEL}, {7: SCHEMA}, {3: 2})
-    assert times(found) == [[5, 6]]
 
 
 def test_chunks_have_their_place_and_times_and_those_without_messages_are_left_out(path: Path) -> None:
@@ -111,18 +104,6 @@ def test_the_index_tells_the_same_as_reading_through(path: Path) -> None:
     assert (indexed.start_ns, indexed.end_ns) == (scanned.start_ns, scanned.end_ns) == (100, 139)
 
 
-def test_a_whole_file_is_found_by_its_index_without_reading_through(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        writer.add_message(writer.register_channel("/a", "json", 0), 1, b"{}", 1)
-        writer.finish()  # type: ignore[no-untyped-call]
-    monkeypatch.setattr(ChunkedFile, "_scan", None)
-    assert times(ChunkedFile(path)) == [[1]]
-
-
 def test_messages_outside_of_chunks_and_what_is_no_recording_are_refused(path: Path) -> None:
     with pytest.raises(RecordingError, match="no chunks to seek in"):
         without_end(path, CHANNEL, message(1))
@@ -136,18 +117,3 @@ def test_a_chunk_whose_checksum_is_wrong_is_damaged(path: Path) -> None:
     wrong.uncompressed_crc = 1
     with pytest.raises(RecordingError, match="damaged"):
         without_end(path, CHANNEL, wrong).read(0)
-
-
-def test_a_file_without_messages_begins_and_ends_at_zero(path: Path) -> None:
-    found = without_end(path)
-    assert (found.chunks, found.start_ns, found.end_ns) == ([], 0, 0)
-
-
-def test_the_chunks_read_last_are_kept(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chunked_file, "CACHED_CHUNKS", 2)
-    found = without_end(path, CHANNEL, *(chunk(message(k)) for k in range(3)))
-    first, second = found.read(0), found.read(1)
-    assert found.read(0) is first  # and is now the one read last
-    found.read(2)
-    assert found.read(0) is first
-    assert found.read(1) is not second

@@ -98,77 +98,8 @@ def test_every_recorded_message_is_described_plainly(topic: Topic) -> None:
     assert set(topic.message.__struct_fields__) <= set(plain["properties"])
 
 
-UNKNOWN = {"type": "object", "properties": {}, "required": []}
-
-
-def property_of(schema: Any, **definitions: Any) -> Any:
-    """The plain form of a property that has this schema."""
-    plain = plain_schema({"type": "object", "properties": {"it": schema}, "$defs": definitions})
-    assert_plain(plain)
-    return plain["properties"]["it"]
-
-
-@pytest.mark.parametrize(
-    ("schema", "kind"),
-    [
-        ({"const": "a"}, "string"),
-        ({"enum": [True, False]}, "boolean"),
-        ({"enum": [1, 2]}, "integer"),
-        ({"enum": [1.5]}, "number"),
-        ({"enum": [1, "a"]}, "object"),
-        ({"enum": []}, "object"),
-        ({"enum": [None]}, "object"),
-        ({}, "object"),
-        (True, "object"),
-        ({"type": "null"}, "object"),
-        ({"$ref": "#/$defs/Missing"}, "object"),
-    ],
-)
-def test_what_tells_no_type_has_that_of_its_values_if_they_are_of_one(schema: Any, kind: str) -> None:
-    assert property_of(schema)["type"] == kind
-
-
-@pytest.mark.parametrize(
-    ("options", "joined"),
-    [
-        ([], UNKNOWN),
-        ([{"type": "null"}], UNKNOWN),
-        ([{"type": "integer"}, {"type": "number"}], {"type": "number"}),
-        ([{"type": "string", "enum": ["a"]}, {"type": "string"}], {"type": "string"}),
-        ([{"type": "integer"}, {"type": "string"}], UNKNOWN),
-        ([{"type": "integer"}, {"type": "boolean"}, {"type": "number"}], UNKNOWN),
-        (
-            [{"type": "array", "items": {"type": "integer"}}, {"type": "array", "items": {"type": "number"}}],
-            {"type": "array", "items": {"type": "number"}},
-        ),
-    ],
-)
-def test_alternatives_are_joined_to_what_holds_for_all(options: list[Any], joined: Any) -> None:
-    assert property_of({"anyOf": options}) == joined
-
-
-def test_of_several_objects_what_all_require_is_required() -> None:
-    one = {"type": "object", "properties": {"a": {"type": "string"}, "b": {"type": "integer"}}, "required": ["a", "b"]}
-    two = {"type": "object", "properties": {"b": {"type": "number"}, "c": {"type": "string"}}, "required": ["b", "c"]}
-    assert property_of({"anyOf": [one, two]}) == {
-        "type": "object",
-        "properties": {"a": {"type": "string"}, "b": {"type": "number"}, "c": {"type": "string"}},
-        "required": ["b"],
-    }
-
-
 def depth_of(plain: Any) -> int:
     inner = plain["properties"].get("inner")
     if inner is not None and inner["type"] == "array":
         return 2 + depth_of(inner["items"])
     return 0 if inner is None else 1 + depth_of(inner) if inner["type"] == "object" else 1
-
-
-@pytest.mark.parametrize("described", ["$ref", "anyOf", "array"])
-def test_a_type_that_holds_itself_is_told_down_to_the_same_depth(described: str) -> None:
-    reference = {"$ref": "#/$defs/Nest"}
-    inner = {"$ref": reference, "anyOf": {"anyOf": [reference]}, "array": {"type": "array", "items": reference}}
-    nest = {"type": "object", "properties": {"inner": inner[described]}}
-    plain = plain_schema({**reference, "$defs": {"Nest": nest}})
-    assert_plain(plain)
-    assert depth_of(plain) == {"$ref": 8, "anyOf": 5, "array": 10}[described]

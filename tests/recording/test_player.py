@@ -13,25 +13,14 @@ from mcap.writer import Writer
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.errors import RecordingError
-from robrain.recording.reader.contents import read_contents
-from robrain.recording.reader.reading import read_messages, recording_info
+from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recorded_message import RecordedMessage
-from robrain.recording.reader.recovering import recover
 from robrain.recording.replay.player import Player
-from robrain.sim.scenarios.scenario import Scenario
-from tests.recording.stage import write_mcap
+from tests.recording.stage import RUN_S, write_mcap
 
 pytestmark = pytest.mark.slow
 
 NS_PER_S = 1_000_000_000
-RUN_S = 25.0
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("player") / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=RUN_S, record=path)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -106,13 +95,6 @@ def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepa
     assert_same_map(map_of(told), map_of(until(run, RUN_S + 1.0)))
 
 
-def test_it_makes_no_difference_whether_it_was_prepared(run: Path, prepared: Player) -> None:
-    fresh = Player(run)
-    for t_s in (20.0, 0.0, 7.5, 12.0):
-        assert fresh.seek(t_s) == prepared.seek(t_s)
-    fresh.close()
-
-
 @pytest.mark.parametrize("speed", [0.5, 1.0, 20.0])
 def test_playing_gives_every_message_once_and_in_order_when_it_is_due(run: Path, speed: float) -> None:
     player = Player(run)
@@ -146,32 +128,6 @@ def test_nothing_comes_while_it_is_paused_and_it_goes_on_where_it_was(run: Path)
     assert player.position_s == pytest.approx(4.0)
     there = until(run, 4.0)
     assert [*there[: len(there) - len(first) - len(second)], *first, *second] == there
-    player.close()
-
-
-def test_seeking_while_it_plays_goes_on_from_there(run: Path) -> None:
-    player = Player(run)
-    player.play()
-    player.step(0)
-    player.step(NS_PER_S)
-    player.seek(10.0)
-    player.step(5 * NS_PER_S)
-    due = player.step(6 * NS_PER_S)
-    assert player.position_s == pytest.approx(11.0)
-    times = [message.log_time_ns - player.start_ns for message in due]
-    assert min(times) > 10 * NS_PER_S
-    assert max(times) <= 11 * NS_PER_S
-    player.close()
-
-
-def test_single_steps_move_a_player_that_stands(run: Path) -> None:
-    player = Player(run)
-    player.seek(5.0)
-    moved = player.step_by(0.5) + player.step_by(0.5)
-    assert player.position_s == pytest.approx(6.0)
-    assert moved == until(run, 6.0)[len(until(run, 5.0)) :]
-    with pytest.raises(ValueError, match="duration_s >= 0"):
-        player.step_by(-1.0)
     player.close()
 
 
@@ -235,15 +191,6 @@ def test_a_time_in_which_nothing_is_recorded_is_passed_over_with_a_warning(
     player.close()
 
 
-@pytest.mark.parametrize(
-    "times_ns", [[0, 1], [2**64 - 2, 2**64 - 1], [0, 2**63, 2**64 - 1], [1_700_000_000 * NS_PER_S]]
-)
-def test_contents_of_the_largest_and_smallest_times_are_listed(tmp_path: Path, times_ns: list[int]) -> None:
-    (key,) = read_contents(recorded_at(tmp_path / "times.mcap", times_ns)).keys
-    assert key.messages == len(times_ns)
-    assert key.last_s == pytest.approx((times_ns[-1] - times_ns[0]) / 1e9, abs=1e-5, rel=1e-6)
-
-
 def test_what_follows_a_clock_that_was_set_back_by_much_is_played_at_its_pace(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -256,51 +203,7 @@ def test_what_follows_a_clock_that_was_set_back_by_much_is_played_at_its_pace(
     player.close()
 
 
-def test_a_clock_that_was_set_back_loses_no_message(tmp_path: Path) -> None:
-    times_s = [10, 11, 12, 5, 6, 7, 13, 14]
-    player = Player(recorded_at(tmp_path / "back.mcap", [time_s * NS_PER_S for time_s in times_s]))
-    player.seek(0.0)
-    player.play()
-    played = [message for t_s in range(12) for message in player.step(t_s * NS_PER_S)]
-    assert [message.payload[0] for message in played] == list(range(8))
-    player.close()
-
-
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_speed_that_is_none_is_refused(prepared: Player, speed: float) -> None:
     with pytest.raises(RecordingError, match="speed"):
         prepared.play(speed)
-
-
-def test_messages_without_chunks_are_told_to_be_recovered(tmp_path: Path) -> None:
-    path = tmp_path / "unchunked.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, use_chunking=False)
-        writer.start()
-        channel = writer.register_channel("/chatter", "json", 0)
-        writer.add_message(channel, 1, b"{}", 1)
-        writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(RecordingError, match="robrain recover"):
-        Player(path)
-
-
-def test_damage_in_a_chunk_is_told(run: Path, tmp_path: Path) -> None:
-    content = bytearray(run.read_bytes())
-    content[content.rindex(b"\x28\xb5\x2f\xfd", 0, len(content) // 2) + 20] ^= 0xFF
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(content)
-    player = Player(path)
-    with pytest.raises(RecordingError) as caught:
-        player.prepare()
-    player.close()
-    saved, total = recover(path, tmp_path / "saved.mcap").messages, sum(recording_info(path).counts.values())
-    assert 0 < saved < total
-    assert "is damaged" in str(caught.value)
-    assert f"`robrain recover` saves {saved} of {total} messages" in str(caught.value)
-
-
-def test_an_empty_recording_has_nothing_to_play(tmp_path: Path) -> None:
-    player = Player(write_mcap(tmp_path / "empty.mcap", []))
-    player.prepare()
-    assert (player.keys, player.duration_s, player.seek(3.0), player.done) == ([], 0.0, [], True)
-    player.close()

@@ -66,27 +66,13 @@ def test_provenance_is_read_as_it_was_written(
     assert read_provenance(path) == written
 
 
-def test_the_info_tells_length_counts_and_digest(session: zenoh.Session, tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    summary = record(session, path)
-    info = recording_info(path)
-    assert info.counts == dict.fromkeys(LOG_KEYS.values(), STEPS)
-    assert info.messages == summary.messages == 2 * STEPS
-    assert info.start_ns == START_NS
-    assert info.duration_s == pytest.approx(3.9)
-    assert info.size_bytes == path.stat().st_size
-    assert info.digest == summary.digest
-    assert info.versions["robrain"]
-    assert not info.truncated
-
-
 @pytest.mark.slow
 def test_a_file_cut_anywhere_gives_its_first_messages_and_its_provenance(recording: Path) -> None:
     whole = list(read_messages(recording))
     size_bytes = recording.stat().st_size
     front_bytes = len(PROVENANCE.scenario_toml) + len(PROVENANCE.map_png or b"") + 800
     seen = set()
-    for kept_bytes in range(front_bytes, size_bytes, 7):
+    for kept_bytes in range(front_bytes, size_bytes, 41):
         truncated = cut(recording, kept_bytes)
         messages = list(read_messages(truncated))
         assert messages == whole[: len(messages)]
@@ -95,27 +81,6 @@ def test_a_file_cut_anywhere_gives_its_first_messages_and_its_provenance(recordi
     assert 0 in seen
     assert len(whole) in seen
     assert len(seen) > 5
-
-
-def test_the_info_of_a_truncated_file_is_of_what_is_there(recording: Path) -> None:
-    whole = recording_info(recording)
-    truncated = cut(recording, recording.stat().st_size * 6 // 10)
-    info = recording_info(truncated)
-    messages = list(read_messages(truncated))
-    assert info.truncated
-    assert 0 < info.messages == len(messages) < whole.messages
-    assert info.counts == {key: sum(message.topic_key == key for message in messages) for key in LOG_KEYS.values()}
-    assert info.duration_s == pytest.approx((messages[-1].log_time_ns - START_NS) / 1e9)
-    assert (info.versions, info.digest) == (whole.versions, "")
-
-
-def test_a_file_cut_before_its_first_message_has_none(recording: Path) -> None:
-    truncated = cut(recording, 12)
-    assert list(read_messages(truncated)) == []
-    assert recording_info(truncated).messages == 0
-    assert recording_info(truncated).truncated
-    with pytest.raises(RecordingError, match="has no information about its run"):
-        read_provenance(truncated)
 
 
 def test_damage_is_told_after_the_messages_before_it(recording: Path) -> None:

@@ -9,9 +9,8 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.mapping.patch_cells import MAX_CELLS
-from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_message
+from robrain.algorithms.slam.map_patch import pose_message, to_message
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
-from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.recording.drawing.drawn_map import ComposedMap
@@ -21,9 +20,7 @@ from robrain.recording.reader.recorded_message import RecordedMessage
 from robrain.recording.replay.player import Player
 from tests.recording.stage import write_mcap
 
-DECODER = msgspec.json.Decoder(MapPatch)
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 1000, 10)
-NS_PER_S = 1_000_000_000
 PATCHES = 30
 
 
@@ -50,15 +47,6 @@ def test_a_map_with_more_cells_than_any_listener_took_is_never_begun(size: tuple
     assert known_columns(view.atlas) == [3]
 
 
-def test_the_largest_map_that_a_listener_took_is_begun() -> None:
-    geometry = GridGeometry(0.1, 0.0, 0.0, 1 << 12, 1 << 12)
-    view = ComposedMap()
-    view.handle(payload(5, geometry=geometry))
-    assert view.grid is not None
-    assert view.grid.geometry == geometry
-    assert known_columns(view.atlas) == [5]
-
-
 @pytest.mark.parametrize("broken", [b"", b"no json", b"\xff", payload(1, geometry=GridGeometry(0.2, 0, 0, 9, 9))])
 def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> None:
     view = ComposedMap()
@@ -70,12 +58,6 @@ def test_a_patch_that_does_not_decode_or_fit_changes_nothing(broken: bytes) -> N
     assert known_columns(before) == [3, 4]
     assert view.grid is not None
     assert view.grid.classes()[0, 3] == OCCUPIED
-
-
-def test_a_patch_that_does_not_decode_begins_no_map() -> None:
-    view = ComposedMap()
-    view.handle(b"no json")
-    assert view.atlas is None
 
 
 def test_only_the_patches_since_the_last_copy_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,25 +126,4 @@ def test_a_player_that_was_prepared_need_not_read_the_file_from_its_beginning(
     assert grid is not None
     assert columns_of(grid) == list(range(PATCHES))
     assert min(chunks_read) > PATCHES / 4
-    player.close()
-
-
-def test_a_state_tells_the_map_once_and_before_everything_else(recording: Path) -> None:
-    player = Player(recording)
-    for is_prepared in (False, True):
-        if is_prepared:
-            player.prepare()
-        told = player.seek(12.0)
-        *maps, last = told
-        assert last.payload == bytes([12])
-        assert {message.topic_key for message in maps} == {"robrain/t/robot/r1/map"}
-        assert {message.log_time_ns for message in maps} == {12 * NS_PER_S}
-        patches = [DECODER.decode(message.payload) for message in maps]
-        assert {patch.stamp_ns for patch in patches} == {12 * NS_PER_S}
-        assert len(patches) == 1
-        (part,) = patches[0].parts
-        assert (part.robot, part.submap, part.observed_ms) == ("r1", 0, 112)
-        atlas = SubmapAtlas(GEOMETRY)
-        merge_message(atlas, patches[0])
-        assert known_columns(atlas) == list(range(13))
     player.close()

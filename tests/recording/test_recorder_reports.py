@@ -73,9 +73,3 @@ def test_step_of_more_than_a_second_is_always_reported(lockstep: Reports, caplog
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
     lockstep.problem = "messages were lost"
     assert lockstep.step(8.0, took_s=1.25) == [f"messages were lost; writing took 1.2 s, {SLOW}"]
-
-
-def test_last_report_is_the_state_at_the_end(lockstep: Reports) -> None:
-    lockstep.problem = "the disk is full"
-    lockstep.reports.close()
-    assert lockstep.published == ["the disk is full"]

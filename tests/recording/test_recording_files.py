@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,24 +15,18 @@ import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_LOG
-from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE, ROBOT_STATE, RobotState
-from robrain.protocol.messages.team.recorder_messages import LostMessages
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.recording.errors import RecordingError
 from robrain.recording.foxglove.channels import FoxgloveChannels
-from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.checking import check_recording
 from robrain.recording.reader.reading import read_messages, read_provenance
 from robrain.recording.replay.player import Player
-from robrain.recording.writer import recording_files
 from robrain.recording.writer import rotation as rotation_module
 from robrain.recording.writer.recorder import Recorder, RecorderInbox, RecordingSummary
 from robrain.recording.writer.recording_files import SplitAt
@@ -106,39 +99,6 @@ def test_messages_are_on_the_disk_after_half_a_second_of_the_runs_clock(stage: S
     recorder.step()
     assert path.stat().st_size > opened_bytes
     recorder.close()
-
-
-def test_wall_clock_that_is_set_back_does_not_stop_the_flushing(session: zenoh.Session, tmp_path: Path) -> None:
-    class TurnedBack:
-        offset_ns = 0
-
-        def now_ns(self) -> int:
-            return 10**18 - self.offset_ns
-
-    path = tmp_path / "run.mcap"
-    clock = TurnedBack()
-    endpoint = Endpoint(session, "default", clock, Drive.LOCKSTEP)
-    recorder = Recorder(endpoint, path, PROVENANCE)
-    opened_bytes = path.stat().st_size
-    clock.offset_ns = 3600 * 10**9
-    endpoint.publisher(ROBOT_LOG, robot="r1").put_bytes(LINE)
-    recorder.step()
-    assert path.stat().st_size > opened_bytes
-    recorder.close()
-    endpoint.close()
-
-
-def test_chunk_ends_when_it_is_full(stage: Stage, tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    recorder = stage.recorder(path)
-    images = stage.speaker.publisher(ROBOT_IMAGE, robot="r1", image="i1")
-    for _ in range(5):
-        images.put_bytes(b" " * 500_000)
-    recorder.close()
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert len(summary.chunk_indexes) == 2
 
 
 @pytest.mark.parametrize(
@@ -218,32 +178,6 @@ def test_each_part_is_whole_and_together_they_hold_everything(stage: Stage, tmp_
     assert metadata_of(summary.paths[-1])["robrain.summary"]["digest"] == summary.digest
 
 
-def test_part_with_nothing_but_visual_channels_is_good(stage: Stage, tmp_path: Path) -> None:
-    recorder = stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.0), visual=True)
-    for received in (True, False):
-        if received:
-            state = RobotState(robot="r1", pose=Pose2D(1.0, 0.0, 0.0))
-            stage.speaker.publisher(ROBOT_STATE, robot="r1").put(state)
-        stage.pass_time(1.1)
-        recorder.step()
-    *_, last = recorder.close().paths
-    assert all(is_visual(message.topic_key) for message in read_messages(last))
-    assert check_recording(last).good
-
-
-def test_part_that_exists_already_is_not_overwritten(stage: Stage, tmp_path: Path) -> None:
-    (tmp_path / "run_0001.mcap").write_bytes(b"old")
-    with pytest.raises(RecordingError, match="exists already"):
-        stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.0))
-    assert (tmp_path / "run_0001.mcap").read_bytes() == b"old"
-
-
-@pytest.mark.parametrize("wrong", [{"size_bytes": 0}, {"size_bytes": -1}, {"duration_s": 0.0}, {"duration_s": -2.0}])
-def test_split_at_nothing_is_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        SplitAt(**wrong)
-
-
 @pytest.mark.parametrize("visual", [False, True])
 def test_each_part_begins_with_the_whole_map(stage: Stage, tmp_path: Path, visual: bool) -> None:
     recorder = stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.7), visual=visual)
@@ -320,34 +254,6 @@ def test_disk_that_fills_up_is_logged_once_and_the_run_continues(
     assert summary.bytes == path.stat().st_size < 4000
 
 
-def test_disk_that_fills_up_at_the_very_end_loses_no_message(
-    session: zenoh.Session, tmp_path: Path, full_disk: type[FullDisk], caplog: pytest.LogCaptureFixture
-) -> None:
-    path = tmp_path / "run.mcap"
-    whole = record_logs(session, path)
-    full_disk.room_bytes = whole.bytes - 1
-    with caplog.at_level(logging.ERROR):
-        summary = record_logs(session, path)
-    assert summary.lost == 0
-    assert sum(1 for _ in read_messages(path)) == summary.messages == whole.messages
-    assert len(caplog.records) == 1
-
-
-def test_losses_are_counted_by_topic_and_reported_on_the_wire(
-    stage: Stage, tmp_path: Path, full_disk: type[FullDisk]
-) -> None:
-    full_disk.room_bytes = 6000
-    recorder = stage.recorder(tmp_path / "run.mcap")
-    run_for(stage, recorder, 100)
-    summary = recorder.close()
-    kept = [message.topic_key for message in read_messages(tmp_path / "run.mcap")]
-    states, logs = (sum(key.endswith(end) for key in kept) for end in ("/state", "/log"))
-    assert summary.lost_by_topic == {"robot_log": 100 - logs, "robot_state": 100 - states}
-    first, *_, last = stage.reported()
-    assert "No space left" in first.why
-    assert last.lost == [LostMessages("robot_log", 100 - logs), LostMessages("robot_state", 100 - states)]
-
-
 def test_recording_continues_in_a_second_file_when_there_is_room_again(
     stage: Stage, tmp_path: Path, full_disk: type[FullDisk]
 ) -> None:
@@ -371,37 +277,6 @@ def test_recording_continues_in_a_second_file_when_there_is_room_again(
     assert last.why == ""
 
 
-def test_disk_that_stays_full_is_not_written(
-    stage: Stage, tmp_path: Path, full_disk: type[FullDisk], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorder = stage.recorder(tmp_path / "run.mcap")
-    map_for(stage, recorder, 30)
-    full_disk.room_bytes = 0
-    map_for(stage, recorder, 20)
-    full_disk.room_bytes = 10**9
-    usage = SimpleNamespace(free=recording_files.ROOM_BYTES - 1)
-    monkeypatch.setattr(recording_files.shutil, "disk_usage", lambda _folder: usage)
-    map_for(stage, recorder, 200)
-    assert [path.name for path in recorder.close().paths] == ["run.mcap"]
-
-
-def test_files_that_end_before_their_first_message_are_replaced(
-    stage: Stage, tmp_path: Path, full_disk: type[FullDisk]
-) -> None:
-    recorder = stage.recorder(tmp_path / "run.mcap")
-    map_for(stage, recorder, 30)
-    for _ in range(5):
-        full_disk.room_bytes = 3000  # enough for the front of a file, and for nothing behind it
-        map_for(stage, recorder, 60)
-    full_disk.room_bytes = 10**9
-    map_for(stage, recorder, 100)
-    summary = recorder.close()
-    assert [path.name for path in summary.paths] == ["run.mcap", "run_0002.mcap"]
-    assert sorted(tmp_path.iterdir()) == sorted(summary.paths)
-    assert of_the_robot(summary.paths) + summary.lost == summary.messages
-    assert summary.bytes == sum(path.stat().st_size for path in summary.paths)
-
-
 def test_other_file_of_that_name_is_skipped(stage: Stage, tmp_path: Path, full_disk: type[FullDisk]) -> None:
     (tmp_path / "run_0002.mcap").write_bytes(b"mine")
     recorder = stage.recorder(tmp_path / "run.mcap")
@@ -415,17 +290,6 @@ def test_other_file_of_that_name_is_skipped(stage: Stage, tmp_path: Path, full_d
 
 
 # -- reports and the inbox --------------------------------------------------------------------------------------
-
-
-def test_recorder_in_lockstep_reports_nothing_until_its_end_unless_messages_are_lost(
-    stage: Stage, tmp_path: Path
-) -> None:
-    recorder = stage.recorder(tmp_path / "run.mcap")
-    run_for(stage, recorder, 30)
-    assert stage.reported() == []
-    recorder.close()
-    [state] = stage.reported()
-    assert (state.closed, state.messages, state.lost, state.file) == (True, 60, [], "run.mcap")
 
 
 def test_messages_that_cannot_be_drawn_are_recorded(
@@ -478,3 +342,27 @@ def test_bytes_that_arrive_while_an_inbox_is_drained_are_counted() -> None:
     inbox.drain_raw()
     inbox.append(ROBOT_LOG, "key", b"x" * 100)
     assert (len(inbox), inbox.dropped) == (1, 1)
+
+
+def test_part_that_exists_already_is_not_overwritten(stage: Stage, tmp_path: Path) -> None:
+    (tmp_path / "run_0001.mcap").write_bytes(b"old")
+    with pytest.raises(RecordingError, match="exists already"):
+        stage.recorder(tmp_path / "run.mcap", split=SplitAt(duration_s=1.0))
+    assert (tmp_path / "run_0001.mcap").read_bytes() == b"old"
+
+
+def test_files_that_end_before_their_first_message_are_replaced(
+    stage: Stage, tmp_path: Path, full_disk: type[FullDisk]
+) -> None:
+    recorder = stage.recorder(tmp_path / "run.mcap")
+    map_for(stage, recorder, 30)
+    for _ in range(5):
+        full_disk.room_bytes = 3000  # enough for the front of a file, and for nothing behind it
+        map_for(stage, recorder, 60)
+    full_disk.room_bytes = 10**9
+    map_for(stage, recorder, 100)
+    summary = recorder.close()
+    assert [path.name for path in summary.paths] == ["run.mcap", "run_0002.mcap"]
+    assert sorted(tmp_path.iterdir()) == sorted(summary.paths)
+    assert of_the_robot(summary.paths) + summary.lost == summary.messages
+    assert summary.bytes == sum(path.stat().st_size for path in summary.paths)

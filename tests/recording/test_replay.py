@@ -12,7 +12,6 @@ from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COOR
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.table.topics import all_topics
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.recording.errors import RecordingError
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.replay.replay import Replay
 from tests.recording.stage import Stage, write_mcap
@@ -82,32 +81,6 @@ def test_replay_says_the_same_bytes_under_the_same_keys_in_the_same_order(audien
     assert replay.done
 
 
-@pytest.mark.parametrize(("speed", "elapsed_s", "seconds_said"), [(1.0, 3.5, 4), (2.0, 3.5, 8), (0.5, 3.5, 2)])
-def test_replay_puts_what_is_due_at_its_speed(
-    audience: Audience, recording: Path, speed: float, elapsed_s: float, seconds_said: int
-) -> None:
-    replay = Replay(audience.stage, recording, speed=speed)
-    started_ns = 777
-    replay.step(started_ns)
-    assert len(audience.heard()) == 6
-    replay.step(started_ns + round(elapsed_s * NS_PER_S))
-    assert len(audience.heard()) == 6 * (seconds_said - 1)
-    assert not replay.done
-    assert replay.progress == pytest.approx(elapsed_s * speed / 10)
-
-
-def test_progress_goes_from_zero_to_one(audience: Audience, recording: Path) -> None:
-    replay = Replay(audience.stage, recording)
-    assert (replay.progress, replay.done) == (0.0, False)
-    progress = []
-    for step in range(24):
-        replay.step(step * NS_PER_S // 2)
-        progress.append(replay.progress)
-    assert progress == sorted(progress)
-    assert (progress[0], progress[10], progress[-1]) == (0.0, 0.5, 1.0)
-    assert replay.step(100 * NS_PER_S) == 0
-
-
 def test_a_loop_begins_again_and_is_never_done(audience: Audience, recording: Path) -> None:
     replay = Replay(audience.stage, recording, loop=True)
     for step in range(33):
@@ -143,32 +116,3 @@ def test_keys_that_are_not_of_the_team_are_left_out(audience: Audience, tmp_path
     assert replay.step(0) == 1
     assert replay.done
     assert audience.heard() == [("robrain/again/halt", b"{}")]
-
-
-def test_closing_lets_go_of_the_file(audience: Audience, recording: Path) -> None:
-    replay = Replay(audience.stage, recording, loop=True)
-    replay.step(0)
-    replay.close()
-    assert replay.done
-    assert replay.step(100 * NS_PER_S) == 0
-
-
-def test_a_missing_file_is_refused_before_anything_is_declared(audience: Audience, tmp_path: Path) -> None:
-    robots = audience.endpoint.watch(ROBOT_ALIVE)
-    with pytest.raises(RecordingError, match="there is no file"):
-        Replay(audience.stage, tmp_path / "missing.mcap")
-    assert robots.changes() == []
-
-
-def test_damage_on_the_way_is_told_once(audience: Audience, recording: Path) -> None:
-    content = bytearray(recording.read_bytes())
-    last_chunk = content.rindex(b"\x28\xb5\x2f\xfd")  # a zstd frame
-    content[last_chunk + 20] ^= 0xFF
-    recording.write_bytes(content)
-    replay = Replay(audience.stage, recording)
-    with pytest.raises(RecordingError, match="damaged"):
-        replay.step(replay.step(0) + 100 * NS_PER_S)
-    heard = audience.heard()
-    assert 0 < len(heard) < 66
-    assert replay.step(200 * NS_PER_S) == 0
-    assert audience.heard() == []

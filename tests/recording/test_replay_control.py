@@ -14,19 +14,10 @@ from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL, Rep
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.replay.replay import Replay
-from robrain.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
 NS_PER_S = 1_000_000_000
-RUN_S = 20.0
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("replay") / "run.mcap"
-    Scenario.builtin("depot").replace(robots=2, motes=4).run(time_limit_s=RUN_S, record=path)
-    return path
 
 
 class Stage:
@@ -68,23 +59,6 @@ def stage(run: Path) -> Iterator[Stage]:
     stage = Stage(run)
     yield stage
     stage.close()
-
-
-def test_after_a_seek_listeners_know_what_they_would_have_known_then(run: Path, stage: Stage) -> None:
-    stage.replay.seek(12.0)
-    stage.step(0.1)
-    sought = stage.view()
-    other = Stage(run)
-    other.step(12.1)
-    heard = other.view()
-    other.close()
-    assert sought.map.grid is not None
-    assert heard.map.grid is not None
-    assert (sought.map.grid.classes() == heard.map.grid.classes()).all()
-    assert {name: robot.pose for name, robot in sought.robots.items()} == {
-        name: robot.pose for name, robot in heard.robots.items()
-    }
-    assert sought.explored_fraction == heard.explored_fraction
 
 
 def test_a_query_pauses_moves_and_speeds_up_and_tells_where_it_is(stage: Stage) -> None:
@@ -130,8 +104,3 @@ def test_keys_do_what_they_say(
     player = stage.replay.player
     assert (player.position_s, player.speed, player.playing) == (pytest.approx(position_s), speed, playing)
     assert not stage.terminal.ended
-
-
-def test_q_ends_it(stage: Stage) -> None:
-    stage.terminal.press("q")
-    assert stage.terminal.ended

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from robrain.deploy.errors import UsageError
-from robrain.deploy.recordings.recording_live import keep_of, split_for, split_of
 from robrain.protocol.clock import to_ns
 from robrain.recording.writer.rotation import CHECK_NS, YOUNG_S, KeepFiles, Rotation, own_recordings
 
@@ -99,13 +97,6 @@ def test_folder_is_looked_at_every_ten_seconds_and_when_the_clock_is_set_back(fo
     assert one.removed == 2
 
 
-def test_folder_that_cannot_be_read_ends_no_recording(folder, caplog) -> None:
-    one = Rotation(folder / "gone", SERIES, KeepFiles(size_bytes=1), lambda _: 0)
-    with caplog.at_level(logging.WARNING):
-        one.step(NOW_NS, folder / "depot-5.mcap")
-    assert "cannot be removed" in caplog.text
-
-
 @pytest.mark.parametrize("wrong", [{}, {"size_bytes": 0}, {"age_s": -1.0}])
 def test_limit_that_makes_no_sense_is_refused(wrong) -> None:
     with pytest.raises(ValueError, match="expected"):
@@ -124,23 +115,3 @@ def test_limit_that_makes_no_sense_is_refused(wrong) -> None:
 def test_series_of_a_recording(path: str, is_given, own: list[str], others: list[str]) -> None:
     pattern = own_recordings(Path(path), is_given=is_given)
     assert [name for name in (*own, *others) if pattern.fullmatch(name)] == own
-
-
-def test_recording_is_split_so_that_whole_files_can_go() -> None:
-    assert keep_of(None, None) is None
-    keep = keep_of(2.0, 0.5)
-    split = split_for(split_of(None, None), keep)
-    assert (split.size_bytes, split.duration_s) == (100_000_000, 3600.0)
-    assert split_for(split_of(1000.0, None), keep).size_bytes == 1_000_000_000
-
-
-@pytest.mark.parametrize(("split_mb", "split_s"), [(1001.0, None), (None, 60.0), (100.0, 30_000.0)])
-def test_split_that_leaves_nothing_to_remove_is_refused(split_mb, split_s) -> None:
-    with pytest.raises(UsageError, match="--split"):
-        split_for(split_of(split_mb, split_s), keep_of(2.0, 0.5))
-
-
-@pytest.mark.parametrize(("keep_gb", "keep_days"), [(0.0, None), (None, -1.0)])
-def test_keeping_nothing_is_refused(keep_gb, keep_days) -> None:
-    with pytest.raises(UsageError, match="above 0"):
-        keep_of(keep_gb, keep_days)

@@ -3,7 +3,6 @@
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pandas as pd
@@ -13,22 +12,12 @@ import pytest
 import robrain
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
-from robrain.protocol.table.topics import all_topics, topic_of
-from robrain.protocol.topic import Topic
+from robrain.protocol.table.topics import topic_of
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.exporting import export_tables
-from robrain.recording.export.tables import Table
 from robrain.recording.foxglove.visual_topics import is_visual
 from robrain.recording.reader.reading import read_messages
-from robrain.recording.reader.recorded_message import RecordedMessage
 from tests.recording.stage import write_mcap
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tables") / "run.mcap"
-    robrain.Scenario.builtin("depot").replace(robots=2, motes=6).run(time_limit_s=8.0, record=path)
-    return path
 
 
 def recorded_states(path: Path) -> list[RobotState]:
@@ -66,20 +55,6 @@ def test_a_topic_that_there_is_not_is_told_with_those_that_there_are(run: Path) 
         loaded.table("robot_stat")
     with pytest.raises(RecordingError, match="no topic"):
         list(loaded.messages("nosuch"))
-
-
-def test_a_topic_without_messages_is_an_empty_table(run: Path) -> None:
-    table = robrain.load(run).table("halt")
-    assert len(table) == 0
-    assert {"t_s", "halted", "by"} <= set(table.columns)
-
-
-@pytest.mark.parametrize("topic", [topic for topic in all_topics() if topic.recorded], ids=lambda topic: topic.name)
-def test_every_recorded_topic_makes_a_table(topic: Topic) -> None:
-    columns = Table(topic, 0).columns
-    names = [column.name for column in columns]
-    assert len(set(names)) == len(names)
-    assert names[:2] == ["t_s", "wire_key"]
 
 
 @pytest.mark.slow
@@ -136,37 +111,3 @@ def test_numbers_that_no_table_holds_and_messages_that_are_none_are_left_out(tmp
 
 
 # -- one row ------------------------------------------------------------------------------------------------------
-
-
-def rows_of(
-    topic: Topic, payload: bytes, *, at_s: float = 1003.5, key: str = "robrain/default/robot/r7/state"
-) -> dict[str, Any] | None:
-    """The row of a message, by the names of its columns; the run began at second 1000 of its clock."""
-    table = Table(topic, 1_000 * 10**9)
-    row = table.row(RecordedMessage(key, round(at_s * 1e9), payload, "json"))
-    return None if row is None else dict(zip([column.name for column in table.columns], row, strict=True))
-
-
-def test_a_row_tells_the_seconds_since_the_run_began_and_the_key_it_came_by() -> None:
-    payload = msgspec.json.encode(RobotState(robot="r7", seq=5, halted=True))
-    row = rows_of(ROBOT_STATE, payload)
-    assert row is not None
-    assert (row["t_s"], row["wire_key"]) == (3.5, "robrain/default/robot/r7/state")
-    assert (row["robot"], row["seq"], row["halted"]) == ("r7", 5, True)
-    assert row["pose.x_m"] is None
-    at_first, before = rows_of(ROBOT_STATE, payload, at_s=1000.0), rows_of(ROBOT_STATE, payload, at_s=999.0)
-    assert at_first is not None
-    assert before is not None
-    assert (at_first["t_s"], before["t_s"]) == (0.0, -1.0)
-
-
-@pytest.mark.parametrize("payload", [b"", b"[]", b"not json", b"\xff\xff", b'{"robot": 7}', b"[" * 100_000])
-def test_a_message_that_is_not_what_its_topic_says_makes_no_row(payload: bytes) -> None:
-    assert rows_of(ROBOT_STATE, payload) is None
-
-
-def test_of_a_topic_without_a_message_type_a_row_tells_the_size_and_the_names_in_its_key() -> None:
-    topic = next(topic for topic in all_topics() if topic.recorded and topic.message is None)
-    names = {name: f"a{number}" for number, name in enumerate(topic.fields)}
-    row = rows_of(topic, b"12345", key=topic.key("default", **names))
-    assert row == {"t_s": 3.5, "wire_key": topic.key("default", **names), **names, "payload_bytes": 5}

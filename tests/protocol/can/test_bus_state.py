@@ -59,9 +59,3 @@ def test_lost_frames_are_counted_by_the_gaps_they_leave(first, arrives):
             since = 0
     assert watch.lost == lost == told
     assert watch.repeated == 0
-
-
-def test_the_same_counter_twice_is_a_repetition_and_a_step_back_a_new_start():
-    watch = SequenceCounter()
-    assert [watch.record(counter) for counter in (10, 10, 11, 5, 6)] == [0, 0, 0, 0, 0]
-    assert (watch.lost, watch.repeated) == (0, 1)

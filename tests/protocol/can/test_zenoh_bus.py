@@ -2,8 +2,6 @@ from collections.abc import Iterator
 
 import can
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robrain.protocol.can import zenoh_bus
 from robrain.protocol.can.zenoh_bus import ZenohBus
@@ -42,16 +40,6 @@ def test_nobody_hears_another_bus(session, nodes):
         bus.shutdown()
 
 
-@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
-def test_any_frame_survives_the_bus(session, identifier, data):
-    one, other = (ZenohBus("r9/can0", session=session, direct=True) for _ in range(2))
-    one.send(frame(identifier, data, is_extended_id=True))
-    received = other.recv(timeout=0)
-    assert (received.arbitration_id, bytes(received.data)) == (identifier, data)
-    one.shutdown()
-    other.shutdown()
-
-
 def test_other_filters_choose_anew_also_among_frames_that_were_seen_before(session, nodes):
     picky = ZenohBus("r1/can0", [{"can_id": 0x100, "can_mask": 0x7FF}], session=session, direct=True)
     for filters, wanted in (
@@ -64,16 +52,6 @@ def test_other_filters_choose_anew_also_among_frames_that_were_seen_before(sessi
         nodes[0].send(frame(0x200))
         assert [picky.recv(timeout=0).arbitration_id for _ in wanted] == wanted
         assert picky.recv(timeout=0) is None
-    picky.shutdown()
-
-
-def test_a_filter_remembers_only_so_many_identifiers(session, nodes, monkeypatch):
-    monkeypatch.setattr(zenoh_bus, "REMEMBERED_IDENTIFIERS", 3)
-    picky = ZenohBus("r1/can0", [{"can_id": 0x000, "can_mask": 0x001}], session=session, direct=True)
-    for identifier in range(16):
-        nodes[0].send(frame(identifier))
-    assert [picky.recv(timeout=0).arbitration_id for _ in range(8)] == list(range(0, 16, 2))
-    assert picky.recv(timeout=0) is None
     picky.shutdown()
 
 
@@ -108,8 +86,11 @@ def test_without_anybody_at_the_endpoint_there_is_no_bus():
         ZenohBus("r1/can0", connect="127.0.0.1:7447")
 
 
-def test_nothing_arrives_after_a_shutdown(session, nodes):
-    gone = ZenohBus("r1/can0", session=session, direct=True)
-    gone.shutdown()
-    nodes[0].send(frame())
-    assert gone.recv(timeout=0) is None
+def test_a_filter_remembers_only_so_many_identifiers(session, nodes, monkeypatch):
+    monkeypatch.setattr(zenoh_bus, "REMEMBERED_IDENTIFIERS", 3)
+    picky = ZenohBus("r1/can0", [{"can_id": 0x000, "can_mask": 0x001}], session=session, direct=True)
+    for identifier in range(16):
+        nodes[0].send(frame(identifier))
+    assert [picky.recv(timeout=0).arbitration_id for _ in range(8)] == list(range(0, 16, 2))
+    assert picky.recv(timeout=0) is None
+    picky.shutdown()

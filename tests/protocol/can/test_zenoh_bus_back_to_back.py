@@ -14,7 +14,6 @@ import zenoh
 
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
-from robrain.protocol.workers import OwnedThread, close_threads
 from tests.waiting import PATIENCE_S, until
 
 CHANNEL = "r1/can0"
@@ -112,18 +111,6 @@ def test_a_frame_arrives_as_it_was_sent_in_both_directions(pair, sent):
         assert sender.recv(0) is None
 
 
-def test_without_a_frame_nothing_is_received(pair):
-    assert pair[0].recv(0.1) is None
-    assert pair[0].recv(0) is None
-
-
-def test_a_received_frame_says_that_it_was_received(pair):
-    pair[0].send(can.Message(arbitration_id=0x300, data=b"\x02\x01", is_rx=False))
-    received = pair[1].recv(PATIENCE_S)
-    assert received is not None
-    assert received.is_rx
-
-
 def test_a_node_that_wants_its_own_frames_gets_them_marked_as_sent(pair, open_node):
     hears_itself = open_node(receive_own_messages=True)
     sent = can.Message(arbitration_id=0x300, data=b"\x02\x01\x03")
@@ -134,26 +121,6 @@ def test_a_node_that_wants_its_own_frames_gets_them_marked_as_sent(pair, open_no
     assert (own.is_rx, others.is_rx) == (False, True)
     pair[0].send(sent)
     assert hears_itself.recv(PATIENCE_S).is_rx
-
-
-def test_each_node_gets_a_message_object_of_its_own(pair, open_node):
-    hears_itself = open_node(receive_own_messages=True)
-    hears_itself.send(can.Message(arbitration_id=0x300, data=b"\x02\x01\x03"))
-    first, second, own = (bus.recv(PATIENCE_S) for bus in (*pair, hears_itself))
-    first.data[0] = 4
-    assert bytes(second.data) == bytes(own.data) == b"\x02\x01\x03"
-
-
-def test_stamps_are_as_far_apart_as_the_frames(pair):
-    pair[1].send(can.Message())
-    first = pair[0].recv(PATIENCE_S)
-    received_s = time.time()
-    time.sleep(0.3)
-    sent_s = time.time()
-    pair[1].send(can.Message())
-    second = pair[0].recv(PATIENCE_S)
-    assert second.timestamp - first.timestamp >= sent_s - received_s - 1e-3
-    assert second.timestamp <= time.time()
 
 
 def test_many_frames_arrive_in_order(pair):
@@ -193,17 +160,10 @@ def test_a_shut_down_node_refuses_to_send_and_to_wait_as_python_can_says(pair):
         pair[0].recv(PATIENCE_S)
 
 
-def test_a_node_is_shut_down_at_the_end_of_a_with_block(open_node):
-    with open_node() as bus:
-        bus.send(can.Message())
-    with pytest.raises(can.CanOperationError):
-        bus.send(can.Message())
-
-
 # -- what needs threads, so not in a lockstep run ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("attempt", range(10))
+@pytest.mark.parametrize("attempt", range(3))
 def test_the_first_frames_after_opening_arrive_whoever_was_there_before(clients, attempt):
     del attempt
     first = clients()
@@ -218,7 +178,7 @@ def test_the_first_frames_after_opening_arrive_whoever_was_there_before(clients,
 
 
 def test_the_first_frames_between_a_lockstep_run_and_another_process_arrive(hub):
-    for _ in range(10):
+    for _ in range(3):
         inside = ZenohBus(CHANNEL, session=hub, direct=True, now_ns=lambda: 5_000_000_000)
         outside = ZenohBus(CHANNEL, connect=listening_at(hub)[0])
         inside.send(can.Message(arbitration_id=1))
@@ -253,42 +213,6 @@ def test_a_node_opens_beside_one_that_hangs(clients, monkeypatch):
         release.set()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("duration_s", "period_s"), [(0.5, 0.013), (1.0, 0.4)])
-def test_a_periodic_frame_is_sent_for_no_longer_than_was_asked(clients, duration_s, period_s):
-    receiver, sender = clients(), clients()
-    task = sender.send_periodic(can.Message(arbitration_id=9), period_s, duration_s)
-    task.thread.join(PATIENCE_S)
-    sender.send(can.Message(arbitration_id=10))
-    stamps_s = []
-    while (message := receiver.recv(PATIENCE_S)).arbitration_id == 9:
-        stamps_s.append(message.timestamp)
-    assert stamps_s
-    assert len(stamps_s) <= duration_s / period_s + 2
-
-
-def test_periodic_frames_end_when_the_node_is_shut_down(clients):
-    receiver, sender = clients(), clients()
-    task = sender.send_periodic(can.Message(arbitration_id=9), 0.005)
-    assert receiver.recv(PATIENCE_S).arbitration_id == 9
-    sender.shutdown()
-    assert not task.thread.is_alive()
-
-
-def test_node_can_be_shut_down_while_it_sends_periodic_frames(clients):
-    failed = []
-    before, threading.excepthook = threading.excepthook, failed.append
-    try:
-        for _ in range(20):
-            sender = clients()
-            for identifier in range(3):
-                sender.send_periodic(can.Message(arbitration_id=identifier), 0.0005)
-            sender.shutdown()
-    finally:
-        threading.excepthook = before
-    assert failed == []
-
-
 def test_nothing_is_sent_after_a_node_was_shut_down(clients):
     sender = clients()
     sending = threading.Thread(target=lambda: [sender.send(can.Message(arbitration_id=1)) for _ in range(10**9)])
@@ -302,23 +226,6 @@ def test_nothing_is_sent_after_a_node_was_shut_down(clients):
         threading.excepthook = before
     (error,) = refused
     assert isinstance(error, can.CanOperationError)
-
-
-@pytest.mark.slow
-def test_a_notifier_hands_frames_to_its_listeners(clients):
-    receiver, sender = clients(), clients()
-    heard: list[can.Message] = []
-    came = threading.Event()
-
-    def listen(message: can.Message) -> None:
-        heard.append(message)
-        came.set()
-
-    notifier = can.Notifier(receiver, [listen])
-    sender.send(can.Message(arbitration_id=0x42))
-    assert came.wait(PATIENCE_S)
-    notifier.stop()
-    assert [message.arbitration_id for message in heard] == [0x42]
 
 
 def test_a_thread_that_waits_for_a_frame_ends_with_its_bus(clients):
@@ -342,49 +249,12 @@ def test_a_thread_that_waits_for_a_frame_ends_with_its_bus(clients):
     assert ended == ["zenoh r1/can0: is shut down"]
 
 
-def test_a_thread_safe_bus_bears_many_senders_and_receivers(clients):
-    receiver, sender = clients(can.ThreadSafeBus), clients(can.ThreadSafeBus)
-    receiver.set_filters([{"can_id": 0x123, "can_mask": 0x7FF, "extended": True}])
-    wanted = can.Message(arbitration_id=0x123, channel=CHANNEL, data=[254, 255, 1, 2])
-    other = can.Message(arbitration_id=0x002, channel=CHANNEL, data=[1])
-    received: list[can.Message | None] = []
-
-    def send() -> None:
-        for _ in range(50):
-            sender.send(wanted)
-            sender.send(other)
-
-    def receive() -> None:
-        for _ in range(50):
-            received.append(receiver.recv(PATIENCE_S))
-
-    close_threads([OwnedThread("bus", work) for _ in range(10) for work in (send, receive)], PATIENCE_S)
-    assert len(received) == 500
-    assert all(message is not None and message.equals(wanted, timestamp_delta=None) for message in received)
-    assert receiver.recv(0) is None
-
-
 # -- options ----------------------------------------------------------------------------------------------------
 
 
 def test_an_unknown_option_is_refused_with_those_that_there_are(lockstep_session):
     with pytest.raises(can.CanInitializationError, match=r"unknown option baud, rx_own: .*receive_own_messages.*fd"):
         open_bus(session=lockstep_session, direct=True, rx_own=True, baud=9600)
-
-
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"fd": "yes"}, "option fd: expected true or false, got 'yes'"),  # python-can does not convert this word
-        ({"receive_own_messages": "maybe"}, "option receive_own_messages: expected true or false, got 'maybe'"),
-        ({"team": 7.5}, "option team: expected text, got 7.5"),
-        ({"connect": 7447}, "option connect: expected text, got 7447"),
-    ],
-)
-def test_an_option_of_the_wrong_kind_is_refused(lockstep_session, options, why):
-    session = {} if "connect" in options else {"session": lockstep_session, "direct": True}
-    with pytest.raises(can.CanInitializationError, match=why):
-        ZenohBus(CHANNEL, **session, **options)
 
 
 def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):

@@ -1,7 +1,7 @@
 """A ROS 2 program in a process of its own, written with `zenoh-ros2-sdk`, which knows nothing of robrain.
 
-It publishes, subscribes, serves and calls, and prints what it hears, a JSON object a line. `call` and `graph` on its
-input have it call robrain's service and print what topics there are; it ends with its input.
+It publishes, subscribes, serves and calls, and prints what it hears, a JSON object a line. `call` on its
+input has it call robrain's service; it ends with its input.
 """
 
 import json
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2ServiceServer, ROS2Subscriber
-from zenoh_ros2_sdk.discovery import get_topic_info, get_topic_names_and_types
 from zenoh_ros2_sdk.message_registry import get_registry
 from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
@@ -55,11 +54,6 @@ def main(port: int, definitions: Path) -> None:
         if line.strip() == "call":
             response: Any = client.call(data=True)
             tell(success=bool(response.success), message=response.message)
-        elif line.strip() == "graph":
-            info = get_topic_info("/map", router_port=port, verbose=True)
-            assert info is not None
-            told = [(each.node_namespace, each.node_name, each.type_hash, each.qos) for each in info.publishers]
-            tell(topics=get_topic_names_and_types(router_port=port), publishers=told)
     ended.set()
     talking.join()
     for each in (client, server, maps, scans, publisher):

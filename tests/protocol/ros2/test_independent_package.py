@@ -141,15 +141,3 @@ def test_its_service_is_called(both):
     until(lambda: [token for token in tokens(both.session, EntityKind.SERVER) if "%sdk%switch" in token])
     replies = ask(both.session, "/sdk/switch", SET_BOOL, Switch(True))
     assert response(replies, SET_BOOL) == TriggerResponse(True, "from the sdk")
-
-
-def test_it_finds_the_topics_and_who_publishes_them(both):
-    both.sdk.ask("graph")
-    told = both.sdk.said("topics")
-    assert dict(told["topics"]) == {
-        "/map": ["nav_msgs/msg/OccupancyGrid"],
-        "/robrain/scan": ["sensor_msgs/msg/LaserScan"],
-        "/sdk/chatter": ["std_msgs/msg/String"],
-    }
-    ((_, name, type_hash, qos),) = told["publishers"]
-    assert (name, type_hash, qos) == ("robrain", OCCUPANCY_GRID.type_hash, ":1:,1:,:,:,,")

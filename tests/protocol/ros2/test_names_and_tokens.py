@@ -7,8 +7,6 @@ from robrain.protocol.ros2.message_types import STRING
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Durability, History, Qos
 from robrain.protocol.ros2.ros_names import (
     check_domain,
-    check_namespace,
-    check_node_name,
     data_key,
     dds_type,
     full_name,
@@ -50,18 +48,6 @@ DOCUMENTED = [
             RELIABLE,
         ),
     ),
-    (
-        f"@ros2_lv/2/e1dc8d1b45ae8717fce78689cc655685/0/10/SC/%/%/add_two_ints_client/{ADDING}",
-        Entity(
-            EntityKind.CLIENT,
-            NodeId(2, "e1dc8d1b45ae8717fce78689cc655685", 0, "/", "add_two_ints_client"),
-            10,
-            "/add_two_ints",
-            ADD,
-            ADD_HASH,
-            RELIABLE,
-        ),
-    ),
 ]
 """Examples of rmw_zenoh's design.md."""
 
@@ -80,16 +66,6 @@ def test_a_name_is_completed_as_rcl_does(name, found):
 def test_a_name_against_the_rules_is_refused(name):
     with pytest.raises(BadRosName):
         full_name(name)
-
-
-@pytest.mark.parametrize("name", ["", "1st", "a/b", "a-b", "x" * 300])
-def test_a_node_name_against_the_rules_is_refused(name):
-    with pytest.raises(BadRosName):
-        check_node_name(name)
-
-
-def test_a_namespace_has_a_slash_before_it():
-    assert [check_namespace(each) for each in ("/", "r1", "/r1", "/fleet/r1/")] == ["/", "/r1", "/r1", "/fleet/r1"]
 
 
 @pytest.mark.parametrize("domain", [-1, 233])
@@ -134,11 +110,6 @@ def test_a_token_is_that_of_rmw_zenoh(token, entity):
 )
 def test_a_key_is_that_of_rmw_zenoh(domain, name, kind, type_hash, key):
     assert data_key(domain, name, kind, type_hash) == key
-
-
-def test_a_namespace_is_one_part_of_a_token():
-    node = NodeId(7, "aac3178e146ba6f1fc6e6a4085e77f21", 3, "/fleet/r1", "driver")
-    assert Entity(EntityKind.NODE, node, 3).token == f"@ros2_lv/7/{node.session}/3/3/NN/%/%fleet%r1/driver"
 
 
 def test_a_gid_is_the_hash_of_the_token():

@@ -9,7 +9,6 @@ import pytest
 import zenoh
 
 from robrain.protocol.ros2 import ros_node
-from robrain.protocol.ros2.errors import BadRosName
 from robrain.protocol.ros2.message_types import (
     LASER_SCAN,
     OCCUPANCY_GRID,
@@ -21,7 +20,7 @@ from robrain.protocol.ros2.message_types import (
     String,
     TriggerResponse,
 )
-from robrain.protocol.ros2.qos import LATCHED, RELIABLE, Qos
+from robrain.protocol.ros2.qos import LATCHED, Qos
 from robrain.protocol.ros2.ros_node import WAITING_MAX, Attachment, EntityKind, RosNode
 from robrain.protocol.wire.session import listening_at, open_session
 from tests.protocol.ros2.other_node import NoReply, ask, response, tokens
@@ -90,14 +89,6 @@ def test_a_late_subscription_gets_the_last_latched_message(two):
     assert [each.message.data.tolist() for each in taken(late)] == [[2, 2, 2, 2]]
 
 
-def test_a_latched_message_is_not_brought_to_a_volatile_subscription(two):
-    two.one.advertise("/map", OCCUPANCY_GRID, LATCHED).publish(OCCUPANCY_GRID.blank())
-    assert taken(two.other.subscribe("/map", OCCUPANCY_GRID, LATCHED))  # the put itself has arrived
-    volatile = two.other.subscribe("/map", OCCUPANCY_GRID, RELIABLE)
-    assert taken(two.other.subscribe("/map", OCCUPANCY_GRID, LATCHED))
-    assert volatile.read() == []
-
-
 def test_a_subscription_holds_its_depth_and_counts_what_it_drops(two):
     heard = two.one.subscribe("/talk", STRING, Qos(depth=3))
     publisher = two.one.advertise("/talk", STRING)
@@ -142,15 +133,6 @@ def test_a_service_is_answered_and_the_answer_finds_its_request(two):
     for request in reversed(waiting):  # in any order
         request.reply(TriggerResponse(True, f"to {request.sender.number}"))
     assert [response(call, TRIGGER, number).message for number, call in calls.items()] == ["to 1", "to 2", "to 3"]
-
-
-def test_a_refused_request_ends_with_the_reason(two):
-    server = two.one.serve("/halt", TRIGGER)
-    two.knows(EntityKind.SERVER)
-    call = ask(two.far, "/halt", TRIGGER, Nothing())
-    until(server.requests)[0].refuse("not now")
-    with pytest.raises(NoReply, match="not now"):
-        response(call, TRIGGER)
 
 
 def test_requests_beyond_those_that_may_wait_are_refused_and_counted(two):
@@ -200,10 +182,3 @@ def test_a_node_and_its_parts_are_present_in_their_domain_until_it_ends(two, ses
     elsewhere.close()
     two.one.close()
     until(lambda: [token.rpartition("/")[2] for token in tokens(two.far)] == ["other"])
-
-
-def test_a_name_against_the_rules_declares_nothing(two):
-    with pytest.raises(BadRosName):
-        two.one.advertise("1st scan", LASER_SCAN)
-    with pytest.raises(BadRosName):
-        RosNode(two.session, "a/b", now_ns=lambda: 0)

@@ -2,13 +2,12 @@
 
 import time
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, Relay, check_parameters
+from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
 from robrain.protocol.schema.announced_parameters import PARTS_MAX, check_announced, schema_refusal
 from robrain.protocol.schema.struct_schema import parameters_schema
@@ -114,11 +113,6 @@ def test_a_regular_expression_that_takes_for_ever_is_not_run() -> None:
     assert time.process_time() - begun < 5.0
 
 
-def test_a_parameter_may_be_called_pattern() -> None:
-    schema = {"type": "object", "properties": {"pattern": {"type": "number"}}, "required": ["pattern"]}
-    assert why("sweep", {"pattern": "x"}, schema) == "pattern: 'x' is not of type 'number'"
-
-
 words = st.recursive(
     st.none() | st.booleans() | st.integers(-5, 5) | st.sampled_from(["object", "#/$defs/a", "number", ""]),
     lambda inner: (
@@ -139,9 +133,3 @@ words = st.recursive(
 @given(st.dictionaries(st.sampled_from(["type", "properties", "anyOf", "$defs", "$ref", "required"]), words), words)
 def test_no_schema_of_a_stranger_ends_anything(schema: dict, value: object) -> None:
     assert isinstance(why("sweep", {"a": value}, schema), str)
-
-
-def test_the_type_of_relay_and_its_schema_state_the_same_rule() -> None:
-    with pytest.raises(msgspec.ValidationError, match="got neither"):
-        msgspec.convert({"duration_s": 1.0}, Relay)
-    assert SCHEMAS["relay"]["$comment"] == "expected a mote or a robot to be the link to, got neither"

@@ -1,7 +1,6 @@
 from itertools import combinations
 from types import NoneType
 
-import msgspec
 import pytest
 import zenoh
 from hypothesis import given
@@ -11,12 +10,9 @@ from robrain.protocol.access.member import MemberRole
 from robrain.protocol.access.permissions import AccessAction, own_names, roles
 from robrain.protocol.access.rules import ruled_rows
 from robrain.protocol.codec import BadPayload
-from robrain.protocol.errors import BadName
-from robrain.protocol.messages.message import Message
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
-from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.messages.team.team_messages import HALT
-from robrain.protocol.table.topics import TOPICS, all_rows, all_topics, topic_of
+from robrain.protocol.table.topics import TOPICS, all_rows, topic_of
 from robrain.protocol.topic import Query, Role, Topic
 from tests.installed_distributions import as_new, install, new_topics  # noqa: F401 - fixtures
 
@@ -28,11 +24,6 @@ QUERIES = [row for row in all_rows() if isinstance(row, Query)]
 def keys(draw):
     topic = draw(st.sampled_from(all_rows()))
     return topic, draw(NAMES), {field: draw(NAMES) for field in topic.fields}
-
-
-def test_no_two_topics_share_a_name_or_a_pattern():
-    assert len({topic.name for topic in all_rows()}) == len(all_rows())
-    assert len({topic.pattern for topic in all_rows()}) == len(all_rows())
 
 
 def test_no_key_belongs_to_two_topics():
@@ -61,10 +52,6 @@ def test_every_selector_includes_its_keys(drawn):
         assert zenoh.KeyExpr(topic.selector(team, **{field: names[field]})).includes(zenoh.KeyExpr(key))
 
 
-def test_the_selector_of_one_team_does_not_include_another():
-    assert not zenoh.KeyExpr(ROBOT_STATE.selector("red")).intersects(zenoh.KeyExpr(ROBOT_STATE.key("blue", robot="r1")))
-
-
 @pytest.mark.parametrize(
     "key",
     [
@@ -88,25 +75,6 @@ def test_a_key_takes_exactly_the_names_of_its_pattern():
         HALT.selector("t", robot="r1")
 
 
-def test_bad_names_never_reach_a_key():
-    with pytest.raises(BadName, match="bad robot name"):
-        ROBOT_STATE.key("t", robot="*")
-    with pytest.raises(BadName, match="bad team name"):
-        ROBOT_STATE.key("a/b", robot="r1")
-    with pytest.raises(BadName, match="bad plugin name"):
-        ROBOT_EVENT.selector("t", plugin="**")
-
-
-@pytest.mark.parametrize("topic", [topic for topic in all_topics() if topic.recorded], ids=lambda topic: topic.name)
-def test_what_is_recorded_has_a_message_type_with_a_schema(topic):
-    if topic.encoding == "image/png":
-        return  # says itself what it is
-    assert issubclass(topic.message, Message)
-    schema = topic.json_schema()
-    assert {"stamp_ns", "seq"} <= set(schema["$defs"][topic.message.__name__]["properties"])
-    assert msgspec.json.decode(msgspec.json.encode(schema))["$ref"] == f"#/$defs/{topic.message.__name__}"
-
-
 @pytest.mark.parametrize("query", QUERIES, ids=lambda query: query.name)
 def test_every_query_bounds_what_is_asked_and_replied(query):
     assert 0 < query.timeout_s <= 60.0
@@ -125,14 +93,6 @@ def test_a_request_or_reply_that_is_none_is_refused_in_words(query, payload):
             continue
         with pytest.raises(BadPayload, match=r"^expected a"):
             codec.read(payload)
-
-
-@pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)
-def test_a_put_carries_a_message_or_says_whose_bytes_it_carries(topic):
-    if topic.message is None:
-        assert topic.encoding != "application/json"
-    else:
-        assert topic.encoding == "application/json"
 
 
 OTHERS = """

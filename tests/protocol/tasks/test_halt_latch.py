@@ -104,8 +104,3 @@ def test_a_flood_of_halts_does_not_keep_a_holder_from_halting_again():
     assert (latch.reason, len(latch.holders)) == ("once more", MOST_HOLDERS)
     latch.hold("late", "too many")
     assert "late" not in latch.holders
-
-
-def test_a_latch_that_was_never_held_is_open_since_the_beginning_and_by_nobody():
-    latch = HaltLatch()
-    assert (latch.stamp_ns, latch.since_ns, latch.opened_by, latch.holders, latch.reason) == (0, 0, "", [], "")

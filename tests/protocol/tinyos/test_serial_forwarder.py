@@ -32,10 +32,6 @@ def test_packets_come_whole_in_whatever_pieces_tcp_brings_them(packets, data):
     assert decoder.has_greeted
 
 
-def test_a_packet_of_no_bytes_is_left_out():
-    assert PacketDecoder().feed(GREETING + b"\x00" + encode(PACKET) + b"\x00") == [PACKET]
-
-
 def test_a_newer_forwarder_is_spoken_to_in_our_version():
     assert PacketDecoder().feed(b"U!" + encode(PACKET)) == [PACKET]
 

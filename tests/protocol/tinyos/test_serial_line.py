@@ -29,12 +29,6 @@ def test_a_packet_and_its_acknowledgement_have_the_bytes_that_are_written_here()
     assert host.counters.sent == 1
 
 
-def test_the_other_end_takes_the_packet_and_acknowledges_it():
-    mote = link()
-    assert mote.receive(WRITTEN) == [PACKET]
-    assert mote.to_write(0) == ACKNOWLEDGED
-
-
 def test_a_packet_that_needs_no_acknowledgement_gets_none():
     host = link()
     assert host.receive(frame(b"\x45" + PACKET)) == [PACKET]
@@ -67,24 +61,6 @@ def test_a_packet_whose_acknowledgement_was_lost_is_taken_once():
     assert mote.receive(host.to_write(TIMEOUT_NS)) == []
     host.receive(mote.to_write(TIMEOUT_NS))
     assert (mote.counters.duplicates, host.counters.sent) == (1, 1)
-
-
-def test_the_same_packet_sent_twice_on_purpose_is_taken_twice():
-    host, mote = link(), link()
-    got = []
-    for now_ns in (0, 1):
-        host.send(PACKET)
-        got += mote.receive(host.to_write(now_ns))
-        host.receive(mote.to_write(now_ns))
-    assert got == [PACKET, PACKET]
-
-
-def test_an_acknowledgement_of_another_packet_counts_for_nothing():
-    host = link()
-    host.send(PACKET)
-    host.to_write(0)
-    host.receive(frame(b"\x43\x07"))
-    assert not host.is_idle
 
 
 def test_good_frames_of_no_known_kind_are_counted():

@@ -1,6 +1,5 @@
 import threading
 import time
-from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -9,17 +8,15 @@ import zenoh
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.signing import Signing
 from robrain.protocol.answers.answering import WaitingQueries
-from robrain.protocol.clock import VirtualClock
-from robrain.protocol.errors import BadName, CallError, ErrorCode, ErrorReply
+from robrain.protocol.errors import CallError, ErrorCode, ErrorReply
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.links.zenoh_link import LockstepReplies
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP_WHOLE
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.topic import Urgency
-from robrain.protocol.wire.endpoint import Deferred, Drive, Endpoint
+from robrain.protocol.wire.endpoint import Deferred
 from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
 from tests.protocol.lockstep_wire import Wire
 from tests.waiting import PATIENCE_S, until
@@ -70,16 +67,6 @@ def wait_for_queries(endpoint, count=1):
 # -- saying and hearing -----------------------------------------------------------------------------------------
 
 
-def test_a_put_is_delivered_before_it_returns(wire):
-    inbox = Inbox()
-    wire.other.subscribe(inbox, ROBOT_STATE)
-    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
-    publisher.put(RobotState(robot="r1", behavior="idle"))
-    (received,) = inbox.drain()
-    assert received.message.behavior == "idle"
-    assert received.names == {"team": "t", "robot": "r1"}
-
-
 def test_what_is_said_bears_the_clocks_time_and_a_number(wire):
     inbox = Inbox(every=True)
     wire.other.subscribe(inbox, ROBOT_STATE)
@@ -88,34 +75,6 @@ def test_what_is_said_bears_the_clocks_time_and_a_number(wire):
         wire.clock.advance_to(stamp_ns)
         publisher.put(RobotState(robot="r1", stamp_ns=777, seq=777))
     assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(5, 0), (5, 1), (9, 2)]
-
-
-def test_what_is_of_another_time_bears_that_one_and_the_next_number(wire):
-    inbox = Inbox(every=True)
-    wire.other.subscribe(inbox, ROBOT_STATE)
-    publisher = wire.robot.publisher(ROBOT_STATE, robot="r1")
-    wire.clock.advance_to(9)
-    for stamp_ns in (3, 0, None):
-        publisher.put(RobotState(robot="r1"), stamp_ns)
-    assert [(item.message.stamp_ns, item.message.seq) for item in inbox.drain()] == [(3, 0), (0, 1), (9, 2)]
-
-
-def test_a_subscription_with_a_name_hears_that_one_alone(wire):
-    inbox = Inbox()
-    wire.other.subscribe(inbox, ROBOT_EVENT, robot="r1", event="done")
-    for robot, event in [("r1", "done"), ("r1", "begun"), ("r2", "done")]:
-        message = PluginEvent(robot=robot, plugin="p", event=event)
-        wire.robot.publisher(ROBOT_EVENT, robot=robot, plugin="p", event=event).put(message)
-    assert [(item.message.robot, item.message.event) for item in inbox.drain()] == [("r1", "done")]
-
-
-def test_after_closing_nothing_is_heard_any_more(wire):
-    inbox = Inbox()
-    wire.other.subscribe(inbox, HALT)
-    publisher = wire.robot.publisher(HALT)
-    wire.other.close()
-    publisher.put(Halt(halted=True, by="me"))
-    assert len(inbox) == 0
 
 
 def test_samples_from_another_thread_count_as_outside(wire):
@@ -188,32 +147,6 @@ def test_a_deferred_reply_is_sent_when_its_handler_says_so_from_any_thread(wire,
     assert replies == [[] if error == [] else (error.code, error.message, error.detail)]
 
 
-def test_a_deferred_reply_that_comes_after_the_session_has_closed_is_dropped():
-    session, held = open_lockstep_session(), []
-    robot = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
-    robot.answer(ROBOT_PLUGINS, lambda _: Deferred(held.append), robot="r1")
-    other = Endpoint(session, "t", VirtualClock(), Drive.LOCKSTEP)
-    later = threading.Thread(target=lambda: other.ask_into(Inbox(), ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1"))
-    later.start()
-    until(lambda: held, "the handler was not called", step=robot.serve)
-    later.join(PATIENCE_S)
-    session.close()
-    held[0](None)
-
-
-def test_queries_from_outside_are_answered_in_the_order_they_came(wire):
-    answered = []
-    wire.robot.answer(ROBOT_CALL, lambda request: answered.append(request.names["function"]), robot="r1")
-    askers = []
-    for number, function in enumerate(["a", "b", "c"]):
-        askers.append(Asker(wire, ROBOT_CALL.key("t", robot="r1", plugin="p", function=function)))
-        wait_for_queries(wire.robot, number + 1)
-    wire.robot.serve()
-    for asker in askers:
-        assert not asker.reply().is_error
-    assert answered == ["a", "b", "c"]
-
-
 def test_when_too_many_wait_the_next_is_told_so(wire):
     wire.robot._pending = WaitingQueries(1)
     wire.robot.answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
@@ -268,17 +201,6 @@ def test_a_handler_that_fails_is_answered_failed_and_logged(wire, caplog, handle
     assert "a handler of robot_plugins failed" in caplog.text
 
 
-@pytest.mark.parametrize("code", ErrorCode)
-def test_an_error_arrives_with_code_message_and_detail(wire, code):
-    def refuse(_):
-        raise CallError(code, "because", "a detail")
-
-    wire.robot.answer(ROBOT_PLUGINS, refuse, robot="r1")
-    with pytest.raises(CallError, match=r"^because$") as refused:
-        wire.other.ask(ROBOT_PLUGINS, robot="r1")
-    assert (refused.value.code, refused.value.detail) == (code, "a detail")
-
-
 @pytest.mark.parametrize(
     "payload",
     [b"", b"nonsense", b"\xff\xfe", b'{"code": "no_such_code", "message": "from a newer peer"}', b"[" * 100_000],
@@ -317,26 +239,6 @@ def test_a_handler_that_takes_longer_than_the_time_limit_is_waited_for_in_lockst
     assert wire.outside == []
 
 
-def test_a_run_that_waits_for_another_process_in_vain_cannot_be_repeated(wire):
-    kept = []
-    wire.other._link.queryable(ROBOT_PLUGINS.key("t", robot="r9"), kept.append, waits=False)
-    with pytest.raises(CallError, match="no reply in time"):
-        wire.robot.ask(ROBOT_PLUGINS, robot="r9", timeout_s=0.1)
-    kept.pop().end()
-    wire.robot.serve()
-    assert wire.outside == [("robrain/t/robot/r9/plugins", b"")]
-
-
-def test_a_reply_is_from_outside_by_who_sent_it_and_not_by_the_thread_that_delivers_it():
-    own, other = "own", "other"
-    for replier, is_outside in ((own, False), (other, True), (None, True)):
-        sender = SimpleNamespace(zid=replier) if replier is not None else None
-        replies = LockstepReplies(own)
-        replies._handle(SimpleNamespace(replier_id=sender, ok=None))  # on the asker's thread
-        assert replies.wait(0.0)
-        assert replies.from_outside == is_outside
-
-
 def test_a_run_that_another_process_answers_cannot_be_repeated():
     run = open_lockstep_session("tcp/127.0.0.1:0")
     elsewhere = open_session(connect=listening_at(run))
@@ -366,21 +268,6 @@ def test_a_wildcard_query_for_one_key_of_many_is_answered_with_an_error(wire):
     error = read_error(reply)
     assert error.code is ErrorCode.BAD_ARGUMENTS
     assert "ask one concrete key" in error.message
-
-
-def test_a_wildcard_query_for_keys_of_one_each_is_answered_by_each(wire):
-    wire.robot.answer(ROBOT_PLUGINS, lambda _: 1, robot="r1")
-    wire.other.answer(ROBOT_PLUGINS, lambda _: 2, robot="r2")
-    replies = wire.other._link.ask(ROBOT_PLUGINS.selector("t"), None, Urgency.DATA, 1.0).answers
-    answers = {reply.key: reply.payload for reply in replies}
-    assert answers == {"robrain/t/robot/r1/plugins": b"1", "robrain/t/robot/r2/plugins": b"2"}
-
-
-def test_bad_names_are_refused_before_anything_is_sent(wire):
-    with pytest.raises(BadName):
-        wire.other.ask(ROBOT_PLUGINS, robot="r*")
-    with pytest.raises(BadName):
-        wire.other.publisher(ROBOT_STATE, robot="r/1")
 
 
 # -- the end ----------------------------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links import zenoh_link
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT, ROBOT_PLUGINS, PluginEvent
-from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Serve
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.workers import OwnedThread, close_threads
@@ -33,61 +32,6 @@ def ask(endpoint, topic, payload=None, **names):
             time.sleep(0.005)
 
 
-class KeysAsked:
-    """A session that notes with what keys it is asked."""
-
-    def __init__(self, session):
-        self._session = session
-        self.keys = []
-
-    def __getattr__(self, name):
-        return getattr(self._session, name)
-
-    def get(self, key, *arguments, **options):
-        self.keys.append(key)
-        return self._session.get(key, *arguments, **options)
-
-
-def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(team):
-    told = []
-    for name in ("r1", "r2"):
-        team.join().answer(ROBOT_PLUGINS, lambda _: told.append(1) or [], robot=name)
-    asker, inbox = team.join(), Inbox()
-    asker.session = session = KeysAsked(asker.session)
-
-    def ask():
-        asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
-        inbox.drain()
-        return len(told) > 2
-
-    until(ask)
-    assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)
-    assert len({id(key) for key in session.keys}) == 1
-    later = asker.ask_later(ROBOT_PLUGINS, robot="r2")
-    until(lambda: later.poll() is not None)
-    assert isinstance(session.keys[-1], zenoh.KeyExpr)
-    assert str(session.keys[-1]).endswith("/r2/plugins")
-
-
-@pytest.mark.parametrize("room", [0, 1])
-def test_keys_beyond_those_that_are_declared_are_asked_all_the_same(team, monkeypatch, room):
-    monkeypatch.setattr(zenoh_link, "DECLARED_KEYS", room)
-    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r1")
-    team.join().answer(ROBOT_PLUGINS, lambda _: [], robot="r2")
-    asker = team.join()
-    asker.session = session = KeysAsked(asker.session)
-    for name in ("r1", "r2"):
-        inbox = Inbox()
-
-        def ask(inbox=inbox, name=name):
-            asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
-            time.sleep(0.01)
-            return inbox.drain()
-
-        assert until(ask)[0].message == []
-    assert len({str(key) for key in session.keys if isinstance(key, zenoh.KeyExpr)}) == room
-
-
 def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
     publisher = team.join().publisher(ROBOT_EVENT, **EVENT)
     for number in range(5):
@@ -103,40 +47,6 @@ def test_a_late_joiner_gets_what_was_said_losslessly_before(team):
     assert all(item.message.stamp_ns > 0 for item in received)
 
 
-def test_what_counts_only_at_its_time_is_not_kept_for_late_joiners(team):
-    sender = team.join()
-    publisher, events = sender.publisher(ROBOT_STATE, robot="r1"), sender.publisher(ROBOT_EVENT, **EVENT)
-    publisher.put(RobotState(robot="r1", behavior="before"))
-    events.put(PluginEvent(**EVENT))
-    late, inbox, marks = team.join(), Inbox(every=True), Inbox()
-    late.subscribe(inbox, ROBOT_STATE)
-    late.subscribe(marks, ROBOT_EVENT)
-    until(lambda: len(marks) == 1)
-
-    def say():
-        publisher.put(RobotState(robot="r1", behavior="after"))
-        return len(inbox) > 0
-
-    until(say)
-    assert {item.message.behavior for item in inbox.drain()} == {"after"}
-
-
-def test_presence_follows_tokens_across_the_network(team):
-    presence = team.join().watch(ROBOT_ALIVE)
-    robot = team.join()
-    robot.token(ROBOT_ALIVE, robot="r1")
-    changes = []
-
-    def told(count):
-        changes.extend(presence.changes())
-        return len(changes) >= count
-
-    until(lambda: told(1))
-    robot.close()
-    until(lambda: told(2))
-    assert [(change.names["robot"], change.present) for change in changes] == [("r1", True), ("r1", False)]
-
-
 @pytest.mark.parametrize("serve", [Serve.AT_ONCE, Serve.POOL, Serve.SHARED])
 def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
     def refuse(request):
@@ -147,28 +57,6 @@ def test_errors_of_calls_carry_their_code_across_the_network(team, serve):
     with pytest.raises(CallError, match="held by driver") as refused:
         ask(operator, ROBOT_CALL, robot="r1", plugin="mocdevice", function="stop")
     assert (refused.value.code, refused.value.detail) == (ErrorCode.BUSY, "mocdevice")
-
-
-def test_in_step_queries_wait_for_serve(team):
-    robot, operator = team.join(), team.join()
-    answered_on = []
-
-    def answer(_):
-        answered_on.append(threading.get_ident())
-        return "now"
-
-    robot.answer(ROBOT_CALL, answer, serve=Serve.IN_STEP, robot="r1")
-    replies = []
-    asker = threading.Thread(
-        target=lambda: replies.append(ask(operator, ROBOT_CALL, robot="r1", plugin="p", function="f"))
-    )
-    asker.start()
-    until(lambda: len(robot._pending) > 0)
-    assert answered_on == []
-    robot.serve()
-    asker.join(PATIENCE_S)
-    assert replies == [b'"now"']
-    assert answered_on == [threading.get_ident()]
 
 
 def test_the_pool_answers_several_at_a_time(team):
@@ -249,3 +137,39 @@ def test_a_key_that_a_sample_brings_while_the_session_closes_is_used_undeclared(
     session.close()
     assert keys.declared("robrain/default/robot/r1/state") == "robrain/default/robot/r1/state"
     assert keys.keys == {}
+
+
+class KeysAsked:
+    """A session that notes with what keys it is asked."""
+
+    def __init__(self, session):
+        self._session = session
+        self.keys = []
+
+    def __getattr__(self, name):
+        return getattr(self._session, name)
+
+    def get(self, key, *arguments, **options):
+        self.keys.append(key)
+        return self._session.get(key, *arguments, **options)
+
+
+def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(team):
+    told = []
+    for name in ("r1", "r2"):
+        team.join().answer(ROBOT_PLUGINS, lambda _: told.append(1) or [], robot=name)
+    asker, inbox = team.join(), Inbox()
+    asker.session = session = KeysAsked(asker.session)
+
+    def ask():
+        asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
+        inbox.drain()
+        return len(told) > 2
+
+    until(ask)
+    assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)
+    assert len({id(key) for key in session.keys}) == 1
+    later = asker.ask_later(ROBOT_PLUGINS, robot="r2")
+    until(lambda: later.poll() is not None)
+    assert isinstance(session.keys[-1], zenoh.KeyExpr)
+    assert str(session.keys[-1]).endswith("/r2/plugins")

@@ -12,7 +12,6 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_S
 from robrain.protocol.messages.team.arena_messages import LinkCounters
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.protocol.workers import OwnedThread
 
 CACHE = ROBOT_EVENT.cache
 
@@ -105,24 +104,6 @@ def test_party_is_heard_by_itself_and_by_the_infrastructure_always_by_others_if_
     assert [len(inbox.drain()) for inbox in inboxes.values()] == [1, 0, 0, 1]
 
 
-def test_infrastructure_is_heard_by_all(team):
-    inboxes = {party: team.hear(party, ROBOT_STATE) for party in team.ends}
-    team.air.apart, team.air.delay_ns = {"r1", "r2", "coordinator"}, to_ns(1.0)
-    team.ends[""].publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
-    assert [len(inbox.drain()) for inbox in inboxes.values()] == [1, 1, 1, 1]
-
-
-def test_later_subscription_hears_what_follows_and_a_closed_one_nothing(team):
-    publisher = team.ends["r1"].publisher(ROBOT_STATE, robot="r1")
-    publisher.put(RobotState(robot="r1"))
-    inbox = team.hear("r2", ROBOT_STATE)
-    publisher.put(RobotState(robot="r1"))
-    assert len(inbox.drain()) == 1
-    team.ends["r2"].close()
-    publisher.put(RobotState(robot="r1"))
-    assert not inbox.drain()
-
-
 def test_sample_arrives_after_its_delay_and_never_before_an_earlier_one(team):
     inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
     team.air.delay_ns = to_ns(0.1)
@@ -163,14 +144,6 @@ def test_lost_sample_of_a_lossless_topic_is_sent_again_before_later_ones(team):
     assert texts(inbox) == [4]
 
 
-def test_lost_sample_of_other_topics_is_gone(team):
-    inbox = team.hear("r2", ROBOT_STATE)
-    team.air.lose = 1
-    team.ends["r1"].publisher(ROBOT_STATE, robot="r1").put(RobotState(robot="r1"))
-    team.go(3.0)
-    assert not inbox.drain()
-
-
 def test_after_a_cut_the_last_samples_that_the_sender_keeps_arrive_in_order(team):
     inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
     team.air.apart = {"r2"}
@@ -182,18 +155,6 @@ def test_after_a_cut_the_last_samples_that_the_sender_keeps_arrive_in_order(team
     team.go(5.6)
     assert texts(inbox) == list(range(7, CACHE + 7))
     assert team.air.counters.outdated == 7
-
-
-def test_with_its_sender_what_it_kept_has_gone(team):
-    inbox, put = team.hear("r2", ROBOT_EVENT), events(team)
-    team.air.apart = {"r2"}
-    put(1)
-    team.ends["r1"].close()
-    team.go(1.0)
-    team.air.apart = set()
-    team.ends["r1"] = team.open("r1")
-    team.go(2.0)
-    assert not texts(inbox)
 
 
 def test_token_is_seen_until_its_owner_was_away_for_a_while(team):
@@ -226,18 +187,6 @@ def test_token_of_a_robot_out_of_reach_is_not_seen_and_one_that_ends_goes_at_onc
     assert not watching.changes()[0].present
 
 
-def test_late_joiner_sees_the_tokens_that_are_in_reach(team):
-    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
-    team.ends["r2"].close()
-    team.air.apart = {"r2"}
-    team.go(3.0)
-    again = team.ends["r2"] = team.open("r2")
-    assert not again.present(ROBOT_ALIVE)
-    team.air.apart = set()
-    team.go(3.1)
-    assert again.present(ROBOT_ALIVE)
-
-
 def call(end):
     return end.ask(ROBOT_CALL, b"[]", robot="r1", plugin="p", function="f")
 
@@ -261,13 +210,6 @@ def test_query_gets_its_reply_if_both_ways_are_short_enough(team):
     assert (team.air.counters.asked, team.air.counters.timed_out) == (4, 2)
 
 
-def test_query_of_the_infrastructure_and_of_the_robot_itself_needs_no_way(team):
-    team.ends["r1"].answer(ROBOT_CALL, lambda _: 7, robot="r1")
-    team.air.apart = {"r1"}
-    assert call(team.ends[""]) == call(team.ends["r1"]) == b"7"
-    team.ends[""].answer(ROBOT_CALL, lambda _: 8, robot="r1")
-
-
 def test_query_to_a_robot_out_of_reach_times_out_while_its_token_is_seen_and_then_reaches_nobody(team):
     team.ends["r1"].answer(ROBOT_CALL, lambda _: 7, robot="r1")
     team.air.apart = {"r1"}
@@ -278,16 +220,6 @@ def test_query_to_a_robot_out_of_reach_times_out_while_its_token_is_seen_and_the
     team.go(2.5)
     with pytest.raises(NobodyThere):
         call(team.ends["r2"])
-
-
-def test_errors_come_back_as_errors(team):
-    def refuse(_):
-        raise CallError(ErrorCode.REFUSED, "no")
-
-    team.ends["r1"].answer(ROBOT_CALL, refuse, robot="r1")
-    with pytest.raises(CallError, match="no") as error:
-        call(team.ends["r2"])
-    assert error.value.code is ErrorCode.REFUSED
 
 
 def test_reply_for_an_inbox_arrives_after_request_and_reply(team):
@@ -303,32 +235,6 @@ def test_reply_for_an_inbox_arrives_after_request_and_reply(team):
     team.ends["r2"].ask_into(inbox, ROBOT_CALL, ROBOT_CALL, b"[]", **names)
     team.go(1.0)
     assert not len(inbox)
-
-
-def test_radio_of_a_robot_whose_endpoints_are_all_closed_is_off(team):
-    second = team.open("r1")
-    team.ends["r1"].close()
-    team.exchange.step()
-    assert "r1" in team.air.on
-    second.close()
-    second.close()
-    team.exchange.step()
-    assert sorted(team.air.on) == ["coordinator", "r2"]
-
-
-def test_party_without_a_radio_is_refused(team):
-    with pytest.raises(ValueError, match="expected a party with a radio, got 'r9': coordinator, r1, r2"):
-        team.open("r9")
-
-
-def test_put_of_another_thread_goes_where_there_is_a_way(team):
-    near, far = team.hear("coordinator", ROBOT_EVENT), team.hear("r2", ROBOT_EVENT)
-    team.air.apart = {"r2"}
-    thread = OwnedThread("thread", events(team), 1)
-    thread.close()
-    assert texts(near) == [1]
-    assert not texts(far)
-    assert near.outside == 1
 
 
 def test_process_that_dies_says_and_hears_nothing_more_and_its_token_is_gone_at_once(team):

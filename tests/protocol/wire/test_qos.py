@@ -1,9 +1,8 @@
 """Zenoh is told what the table says: halts before commands before states before other telemetry before maps."""
 
-import pytest
 import zenoh
 
-from robrain.protocol.links.zenoh_link import PRIORITY, publisher_options, query_options
+from robrain.protocol.links.zenoh_link import publisher_options
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG
 from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE, ROBOT_PATH, ROBOT_STATE
@@ -11,7 +10,7 @@ from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT
 from robrain.protocol.table.topics import all_rows
-from robrain.protocol.topic import Query, Topic, Urgency
+from robrain.protocol.topic import Topic, Urgency
 
 CLASSES = (
     (HALT,),
@@ -24,11 +23,6 @@ CLASSES = (
 """Rows whose order matters most, most urgent first."""
 
 
-def test_urgencies_are_listed_in_the_order_of_zenohs_priorities():
-    names = [str(PRIORITY[urgency]).rpartition(".")[2].lower() for urgency in Urgency]
-    assert names == [str(urgency) for urgency in Urgency]
-
-
 def test_halts_go_before_commands_before_states_before_telemetry_before_maps_before_pictures():
     order = list(Urgency)
     ranks = [{order.index(row.urgency) for row in rows} for rows in CLASSES]
@@ -39,25 +33,3 @@ def test_only_halts_wait_for_room_and_everything_else_that_is_put_is_dropped_by_
     waiting = [row.name for row in all_rows() if isinstance(row, Topic)
                and publisher_options(row)["congestion_control"] == zenoh.CongestionControl.BLOCK]  # fmt: skip
     assert waiting == ["halt"]
-
-
-@pytest.mark.parametrize("row", all_rows(), ids=lambda row: row.name)
-def test_what_is_urgent_is_not_batched_and_the_priority_is_that_of_the_table(row):
-    if isinstance(row, Topic):
-        options = publisher_options(row)
-        assert options["encoding"] == row.encoding
-    elif isinstance(row, Query):
-        options = query_options(row.urgency)
-        assert options["congestion_control"] == zenoh.CongestionControl.BLOCK
-    else:
-        return
-    assert options["priority"] == PRIORITY[row.urgency]
-    assert options["express"] == (row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH))
-
-
-def test_whoever_commands_is_urgent_and_no_telemetry_is():
-    low = {Urgency.DATA, Urgency.DATA_LOW, Urgency.BACKGROUND}
-    late = [row.name for row in all_rows() if isinstance(row, Query) and not row.reads_only and row.urgency in low]
-    assert late == []
-    rows = (row for row in all_rows() if isinstance(row, Topic) and row.rate_hz and row.encoding == "application/json")
-    assert [row.name for row in rows if row.urgency in (Urgency.REAL_TIME, Urgency.INTERACTIVE_HIGH)] == []

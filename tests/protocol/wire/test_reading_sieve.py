@@ -16,23 +16,6 @@ def reading(sequence, *, mote="m1", via="r1", taken_s=100.0, told_s=None, quanti
     )  # fmt: skip
 
 
-def test_a_reading_that_two_robots_bring_in_is_new_once():
-    sieve = ReadingSieve()
-    assert [
-        sieve.is_new(reading(7, via=via, taken_s=100.0 + late_s)) for via, late_s in (("r1", 0.0), ("r2", 0.3))
-    ] == [
-        True,
-        False,
-    ]
-    assert sieve.repeated == 1
-
-
-def test_readings_of_other_motes_and_other_quantities_are_other_readings():
-    sieve = ReadingSieve()
-    others = [reading(7), reading(7, mote="m2"), reading(8), reading(7, quantity="light_lx")]
-    assert all(sieve.is_new(each) for each in others)
-
-
 def test_a_stored_reading_of_yesterday_that_two_robots_fetch_an_hour_apart_is_new_once():
     sieve = ReadingSieve()
     day_s, drift = 86_400.0, 1e-4

@@ -8,7 +8,7 @@ import pytest
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import ASKED_MAX, Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS
-from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
+from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER
 from robrain.protocol.wire.endpoint import Serve
 from tests.waiting import until
@@ -28,20 +28,6 @@ def ask_until_there(team, inbox):
         return inbox.drain()
 
     return until(asked)
-
-
-def test_reply_waits_for_its_owner_and_begins_no_thread(pair):
-    robot, team = pair
-    robot.answer(ROBOT_PLUGINS, lambda _request: [], robot="r1")
-    inbox = Inbox()
-    ask_until_there(team, inbox)
-    threads = threading.active_count()
-    for _ in range(50):
-        team.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
-    assert threading.active_count() <= threads
-    got = []
-    until(lambda: got.extend(inbox.drain()) or len(got) >= 50)
-    assert [(one.names["robot"], one.message) for one in got] == [("r1", [])] * 50
 
 
 def test_a_query_that_is_refused_is_sent_again_until_it_is_answered(pair):
@@ -76,27 +62,6 @@ def test_a_query_that_is_always_refused_leaves_the_inbox_as_it_is_and_ends(pair)
     until(lambda: inbox.drain() or not inbox.has_some)
     assert len(asked) <= ASKED_MAX
     assert inbox.drain() == []
-
-
-def test_samples_still_arrive_while_tokens_are_followed(pair):
-    robot, team = pair
-    inbox = Inbox(every=True)
-    team.subscribe(inbox, ROBOT_STATE)
-    presence = team.watch(ROBOT_ALIVE)
-    states = {}
-    for name in ("r1", "r2"):
-        robot.token(ROBOT_ALIVE, robot=name)
-        states[name] = robot.publisher(ROBOT_STATE, robot=name)
-    until(lambda: presence.changes() or len(presence.present) == 2)
-    got = set()
-
-    def heard():
-        for name, publisher in states.items():
-            publisher.put(RobotState(robot=name))
-        got.update(one.message.robot for one in inbox.drain())
-        return len(got) == 2 and inbox.received > 20
-
-    until(heard)
 
 
 def test_who_sleeps_is_woken_by_a_query_and_by_a_sample(pair):

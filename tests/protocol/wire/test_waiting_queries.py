@@ -15,25 +15,6 @@ def all_of(queue):
     return found
 
 
-def test_a_flood_gives_way_to_whoever_asks_once():
-    queue = WaitingQueries(3)
-    assert [queue.put("mallory", number) for number in range(5)] == [None, None, None, 3, 4]
-    assert queue.put("ann", "halt") == 2
-    assert queue.put("bob", "list") == 1
-    assert queue.put("mallory", 5) == 5
-    assert all_of(queue) == [0, "halt", "list"]
-    assert queue.put("mallory", 6) is None
-
-
-def test_those_who_ask_as_much_displace_nobody():
-    queue = WaitingQueries(2)
-    queue.put("ann", 1)
-    queue.put("bob", 2)
-    assert queue.put("ann", 3) == 3
-    assert queue.put("cy", 4) == 4
-    assert all_of(queue) == [1, 2]
-
-
 @given(st.lists(st.sampled_from("abbbbbbc"), max_size=60), st.integers(1, 12))
 def test_all_get_an_equal_share_and_what_one_asks_stays_in_order(askers, most):
     queue, refused = WaitingQueries(most), []

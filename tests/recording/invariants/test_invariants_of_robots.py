@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -61,13 +60,6 @@ def test_a_robot_that_is_empty_at_a_charger_is_not_stranded() -> None:
     assert found["charger_m"] is None
 
 
-def test_a_robot_that_says_to_be_charged_is_at_a_charger_that_is_not_known() -> None:
-    told = with_robot(at=(9.0, 9.0))
-    drive(told, 3.0)
-    drive(told, 10.0, power_w=0.0, **battery(0.0, charging=True))
-    assert told.found(Invariant.NOT_STRANDED) == []
-
-
 def test_without_ground_truth_the_estimate_counts_if_it_is_not_doubted() -> None:
     told = TeamScript()
     told.states["r1"] = {**battery(0.5), "pose": Pose2D(1.0, 2.0, 0.0)}
@@ -97,12 +89,6 @@ def go(told: TeamScript, *xs_m: float) -> TeamScript:
         told.truths["r1"]["at"] = (x_m, 1.0)
         told.pass_time(0.2)
     return told
-
-
-def test_a_robot_beside_a_wall_does_not_cross_it() -> None:
-    told = go(with_robot(), 3.0, 3.2, 3.4, 3.6, 3.75, 3.76)  # 0.01 m inside is what a solver leaves
-    ruling = told.ruling(Invariant.WALLS, HALL)
-    assert (ruling.state, ruling.cases) == (InvariantState.KEPT, 6)
 
 
 def test_a_robot_that_stands_in_a_wall_is_told_once_for_each_time() -> None:
@@ -174,15 +160,6 @@ def test_who_is_pushed_or_carried_obeys() -> None:
     assert told.found(Invariant.HALTS) == []
 
 
-@pytest.mark.parametrize("path_m", [0.11, 0.27, 0.5])
-def test_who_stands_and_is_carried_a_short_way_obeys(path_m: float) -> None:
-    told = halted(with_robot())
-    told.pass_time(3.0)
-    stands = [1.0] * 10
-    go(told, *stands, *(x_m + path_m for x_m in stands))
-    assert told.found(Invariant.HALTS) == []
-
-
 def test_who_stands_and_begins_to_drive_is_found() -> None:
     told = halted(with_robot())
     told.pass_time(3.0)
@@ -232,29 +209,6 @@ def test_a_robot_that_was_resumed_alone_does_not_ignore_the_halt_of_the_team() -
     assert told.found(Invariant.HALTS) == []
 
 
-def test_without_a_coordinator_the_halt_itself_counts() -> None:
-    told = with_robot()
-    told.has_coordinator = False
-    told.pass_time(1.0)
-    told.halt_team()
-    told.pass_time(5.0)
-    assert told.codes(Invariant.HALTS) == ["halt_ignored"]
-
-
-def test_a_robot_is_not_in_contact_while_its_coordinator_is_away() -> None:
-    told = with_robot()
-    told.pass_time(1.0)
-    told.halt_team()
-    told.pass_time(1.0)
-    told.has_coordinator = False
-    told.pass_time(5.0)
-    told.has_coordinator = True
-    told.pass_time(1.9)
-    assert told.found(Invariant.HALTS) == []
-    told.pass_time(2.0)
-    assert told.codes(Invariant.HALTS) == ["halt_ignored"]
-
-
 @pytest.mark.parametrize(("away_s", "is_broken"), [(0.5, True), (3.0, False)])
 def test_without_a_coordinator_nobody_tells_a_robot_that_was_away(away_s: float, *, is_broken: bool) -> None:
     told = with_robot()
@@ -281,10 +235,6 @@ def test_without_ground_truth_the_poses_before_and_after_a_halt_count(moved_m: f
     found = told.found(Invariant.HALTS)
     assert bool(found) == is_broken
     assert all(one["code"] == "moved_halted" and not one["is_true"] for one in found)
-
-
-def test_halts_are_not_judged_without_robots() -> None:
-    assert TeamScript().ruling(Invariant.HALTS).missing is MissingEvidence.ROBOTS
 
 
 # -- energy -----------------------------------------------------------------------------------------------------
@@ -325,18 +275,6 @@ def test_a_robot_that_charges_away_from_chargers_does_not_balance() -> None:
     assert told.found(Invariant.ENERGY, Surroundings(chargers=())) == [away | {"charger_m": None}]
 
 
-def test_where_a_halted_robot_charges_is_not_judged_as_it_tells_what_it_knew_when_it_was_halted() -> None:
-    told = with_robot(at=(5.0, 5.0))
-    drive(told, 5.0, **battery(0.5, charging=True))
-    told.states["r1"]["halted"] = True
-    told.truths["r1"]["at"] = (2.0, 5.0)
-    drive(told, 5.0, **battery(0.5, charging=True))
-    assert told.found(Invariant.ENERGY, CHARGER) == []
-    told.states["r1"]["halted"] = False
-    drive(told, 5.0, **battery(0.5, charging=True))
-    assert told.codes(Invariant.ENERGY, CHARGER) == ["charged_away"]
-
-
 def test_charge_that_rises_without_a_charger_does_not_balance() -> None:
     told = with_robot()
     soc = discharge(told, 20.0, 0.5)
@@ -352,12 +290,3 @@ def test_an_estimate_that_does_not_fall_with_what_is_used_does_not_balance() -> 
         drive(told, 0.2, 10.0, **battery(0.5))
     [found] = told.found(Invariant.ENERGY)
     assert found["delivered_j"] > found["most_j"]
-
-
-def test_an_estimate_that_is_doubted_is_not_judged() -> None:
-    told = with_robot()
-    discharge(told, 20.0, 0.5)
-    said = {"battery": msgspec.structs.replace(battery(1.0)["battery"], implausible="16.7 V")}
-    drive(told, 5.0, **said)
-    discharge(told, 20.0, 0.49)
-    assert told.found(Invariant.ENERGY) == []

@@ -5,13 +5,9 @@ import msgspec
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
-from robrain.recording.invariants.invariant import CASES, INVARIANTS, KEPT_BREACHES, Invariant, InvariantState
-from robrain.recording.invariants.judging import JUDGES, Judging, broken
+from robrain.recording.invariants.invariant import KEPT_BREACHES, Invariant, InvariantState
+from robrain.recording.invariants.judging import Judging, broken
 from tests.recording.invariants.team_script import TeamScript, at_task, battery, truth
-
-
-def test_there_is_one_judge_for_each_invariant_and_words_for_all() -> None:
-    assert [judge.invariant for judge in JUDGES] == list(Invariant) == list(INVARIANTS) == list(CASES)
 
 
 def test_only_the_first_breaches_are_kept_and_all_are_counted() -> None:
@@ -45,12 +41,3 @@ def test_a_payload_that_is_not_of_its_topic_is_passed_over() -> None:
     judging = Judging()
     judging.receive([(ROBOT_STATE, "key", b'{"robot": 3}', 0, 0)], to_ns(1.0))
     assert broken(judging.finish()) == 0
-
-
-def test_times_count_from_the_start_of_the_run() -> None:
-    judging = Judging(start_ns=to_ns(1000.0))
-    judging.handle(truth(0.0, r1={"energy_j": 5.0}), to_ns(1001.0))
-    judging.handle(truth(0.2, r1={"energy_j": 4.0}), to_ns(1001.25))
-    [breach] = [breach for ruling in judging.finish() for breach in ruling.breaches]
-    assert breach.time_s == 1.25
-    assert breach.text.startswith("at 1.25 s ")

@@ -1,6 +1,5 @@
 """What a report gathers of a run: states, truth, map, readings and tasks, message by message."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,21 +10,15 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.lab.report.report import totals
-from robrain.protocol.messages.motes.mote_messages import MoteFieldState, MoteReading
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
 from robrain.protocol.messages.tasks.task_messages import TaskEstimate
-from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.reader.run_data import RunData, read_run
-from tests.coordinator.planning.worlds import model
 from tests.recording.stage import write_mcap
 
 START_S = 1000.0
@@ -72,11 +65,6 @@ def test_where_a_robot_was_and_its_charge_are_kept_with_gaps_where_it_did_not_kn
     assert np.isnan([robot.x_m[1], robot.y_m[1], robot.soc[1], robot.soc_sd[1]]).all()
 
 
-def test_states_close_together_are_kept_five_times_a_second_at_most(path: Path) -> None:
-    robot = gathered(path, states(*((t_s, {}) for t_s in (0.0, 0.19, 0.2, 0.25, 0.375, 0.5, 1.0)))).robots["r1"]
-    assert list(robot.t_s) == [0.0, 0.2, 0.5, 1.0]
-
-
 def test_measured_energy_is_what_the_battery_gave_since_the_state_before(path: Path) -> None:
     said = states((0.0, {"battery": battery(20.0, 2.0)}), (0.1, {"battery": battery(1.0, 1.0)}),
                   (0.5, {"battery": battery(10.0, 1.0)}), (5.5, {}), (6.0, {}))  # fmt: skip
@@ -90,74 +78,7 @@ def test_energy_is_not_reckoned_over_a_gap(path: Path) -> None:
     assert list(gathered(path, said).robots["r1"].measured_j) == pytest.approx([0.0, 0.0, 40.0])
 
 
-def test_predicted_energy_is_that_of_the_robots_own_model(path: Path) -> None:
-    velocity = Twist2D(forward_m_s=0.5)
-    fields = {"battery": battery(), "energy": model(1e5), "velocity": velocity}
-    robot = gathered(path, states((0.0, fields), (2.0, fields))).robots["r1"]
-    assert robot.predicted_j[-1] == pytest.approx(2.0 * model_power_w(model(1e5), velocity))
-    assert robot.measured_j[-1] == pytest.approx(80.0)
-
-
-def test_what_the_arena_tells_of_a_robot_is_its_own(path: Path) -> None:
-    truth = RobotTruth(robot="r1", pose=Pose2D(0.0, 0.0, 0.0), distance_m=3.0, energy_j=50.0, collisions=2)
-    message = ArenaTruth(sim_time_s=1.0, explored_fraction=0.25, robots=[truth])
-    run = gathered(path, [(key("arena/truth"), 0.0, message), (key("arena/truth"), 2.0, message)])
-    robot = run.robots["r1"]
-    assert (robot.distance_m, robot.energy_j, robot.collisions) == (3.0, 50.0, 2)
-    assert run.explored == [(0.0, 0.25), (2.0, 0.25)]
-
-
-def test_how_right_a_robot_and_the_map_were_is_told_over_time(path: Path) -> None:
-    def truth(error_m: float, share_off: float, **fields: Any) -> ArenaTruth:
-        accuracy = PoseAccuracy(rmse_m=0.5, error_m=error_m, **fields)
-        here = Pose2D(0.0, 0.0, 0.0)
-        robot = RobotTruth(robot="r1", pose=here, distance_m=0.0, energy_j=0.0, collisions=0, accuracy=accuracy)
-        of_map = MapAccuracy(occupied_cells=100, cells_off=1, share_off=share_off, doubled_walls_m=0.5)
-        return ArenaTruth(sim_time_s=1.0, robots=[robot], map_accuracy=of_map)
-
-    last = truth(0.125, 0.25, silent_divergence_s=2.0)
-    said = [truth(0.25, 0.01), truth(2.0, 0.01, silent_for_s=1.0), truth(9.0, 0.25, is_lost=True), last]
-    run = gathered(path, [(key("arena/truth"), float(t_s), message) for t_s, message in enumerate(said)])
-    robot = run.robots["r1"]
-    assert robot.accuracy == last.robots[0].accuracy
-    assert list(robot.error_t_s) == [0.0, 1.0, 2.0, 3.0]
-    assert list(robot.error_m) == pytest.approx([0.25, 2.0, math.nan, 0.125], nan_ok=True)
-    assert list(robot.is_silently_off) == [0, 1, 0, 0]
-    assert [(t_s, each.share_off) for t_s, each in run.map_accuracy] == [(0.0, 0.01), (2.0, 0.25)]
-    told = totals(run)
-    assert (told["Map cells off (%)"], told["Walls doubled (m)"]) == (25.0, 0.5)
-    assert (told["Worst position RMSE (m)"], told["Silent divergence (s)"]) == (0.5, 2.0)
-
-
-def test_agreement_with_the_map_is_told_by_the_robots_themselves(path: Path) -> None:
-    said = states((0.0, {}), (1.0, {"map_agreement": 0.75}), (2.0, {"map_agreement": 0.25}))
-    other = RobotState(robot="r2", map_agreement=0.75)
-    run = gathered(path, [*said, (key("robot/r2/state"), 2.0, other)])
-    assert list(run.robots["r1"].agreement) == pytest.approx([math.nan, 0.75, 0.25], nan_ok=True)
-    told = totals(run)
-    assert told["Lidar on the map (%)"] == 50.0
-    assert told["Map cells off (%)"] is None
-    assert told["Silent divergence (s)"] is None
-
-
 # -- the team, the map and motes --------------------------------------------------------------------------------
-
-
-def test_the_known_area_and_the_length_of_the_run_are_told(path: Path) -> None:
-    run = gathered(
-        path, [(key("coordinator/state"), t_s, TeamState(robots=[], known_area_m2=4.0 * t_s)) for t_s in (0.0, 3.0)]
-    )
-    assert (run.known_m2, run.duration_s, run.name) == ([(0.0, 0.0), (3.0, 12.0)], 3.0, "run")
-
-
-def test_the_field_of_motes_is_told_as_it_was_at_the_end_if_it_was_kept(path: Path) -> None:
-    early = MoteFieldState(motes=4, dead=0, delivery_ratio=1.0, age_s=1.0, oldest_s=2.0, coverage=1.0, on_duty=4)
-    late = MoteFieldState(motes=4, dead=1, delivery_ratio=0.75, age_s=8.0, oldest_s=9.0, coverage=0.5, on_duty=3)
-    states = [TeamState(robots=[], mote_field=field) for field in (early, late)]
-    told = totals(gathered(path, [(key("coordinator/state"), float(t_s), one) for t_s, one in enumerate(states)]))
-    assert (told["Motes dead"], told["Readings arrived (%)"]) == (1.0, 75.0)
-    assert (told["Age of mote data (s)"], told["Covered by motes (%)"]) == (8.0, 50.0)
-    assert "Motes dead" not in totals(gathered(path, [(key("coordinator/state"), 0.0, TeamState(robots=[]))]))
 
 
 def test_the_map_is_merged_and_a_patch_that_does_not_fit_is_left_out(path: Path) -> None:
@@ -170,16 +91,6 @@ def test_the_map_is_merged_and_a_patch_that_does_not_fit_is_left_out(path: Path)
     run = gathered(path, said)
     assert run.map.grid is not None
     assert run.map.grid.known_count == 6
-
-
-def test_a_mote_has_its_last_known_place_and_all_of_its_voltages(path: Path) -> None:
-    said = [
-        (key("mote/m1/reading"), t_s, MoteReading(mote="m1", place=place, quantity="t", value=1.0, voltage_v=volts,
-                                                  rssi_dbm=-60.0, via="r1"))
-        for t_s, place, volts in ((0.0, Point2D(1.0, 1.0), 3.0), (1.0, Point2D(2.0, 2.0), 2.9), (2.0, None, 2.8))
-    ]  # fmt: skip
-    mote = gathered(path, said).motes["m1"]
-    assert (mote.place, list(mote.t_s), list(mote.voltage_v)) == (Point2D(2.0, 2.0), [0.0, 1.0, 2.0], [3.0, 2.9, 2.8])
 
 
 def test_what_went_wrong_until_the_end_of_the_run_is_told(path: Path) -> None:
@@ -197,13 +108,6 @@ def test_what_does_not_decode_or_is_not_of_the_wire_is_left_out(path: Path) -> N
 # -- tasks ------------------------------------------------------------------------------------------------------
 
 
-def test_a_task_that_is_not_ended_is_drawn_until_the_end_of_the_run(path: Path) -> None:
-    said = [*events((1.0, TaskState.RUNNING, {"robot": "r1"})), *states((9.0, {}))]
-    [task] = gathered(path, said).tasks.values()
-    assert task.spans == [("r1", 0.0, 8.0)]
-    assert (task.ended_s, task.measured_j) == (None, None)
-
-
 def test_a_task_that_changes_hands_has_a_span_for_each_robot(path: Path) -> None:
     said = events(
         (0.0, TaskState.QUEUED, {}),
@@ -219,11 +123,6 @@ def test_a_task_that_changes_hands_has_a_span_for_each_robot(path: Path) -> None
     assert (task.queued_s, task.started_s, task.ended_s) == (0.0, 1.0, 8.0)
     assert (task.name, task.kind, task.state, task.robot, task.reason) == ("t1", "visit", "failed", "r3", "wall")
     assert task.measured_j == 7.0
-
-
-def test_a_task_that_several_robots_do_at_once_has_no_span_of_its_own(path: Path) -> None:
-    [task] = gathered(path, events((0.0, TaskState.RUNNING, {}), (5.0, TaskState.DONE, {}))).tasks.values()
-    assert (task.spans, task.started_s, task.ended_s) == ([], None, 5.0)
 
 
 def test_what_was_predicted_is_the_last_estimate_before_it_began(path: Path) -> None:
@@ -247,12 +146,3 @@ def test_what_was_predicted_is_the_last_estimate_before_it_began(path: Path) -> 
 def test_what_a_robot_does_not_tell_in_numbers_was_not_measured(path: Path, told: dict[str, Any]) -> None:
     [task] = gathered(path, events((0.0, TaskState.DONE, {"robot": "r1", "result": told}))).tasks.values()
     assert task.measured_j is None
-
-
-def test_reading_tells_how_far_it_is(path: Path) -> None:
-    gathered(path, states(*((float(k), {}) for k in range(5))))
-    shares: list[float] = []
-    read_run(path, shares.append)
-    assert shares == sorted(shares)
-    assert 0.5 in shares  # read once for its contents, and once for the rest
-    assert shares[-1] == 1.0

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from robrain import Scenario, Team, compare_runs
-from robrain.recording.reader.two_runs import ComparedRow, text_of
 
 
 def record(path: Path, *, places: int) -> Path:
@@ -41,17 +40,3 @@ def test_rows_tell_who_did_what_in_both_runs_and_equal_runs_have_no_difference(r
         assert (total.difference or 0.0) == pytest.approx(sum(part.difference or 0.0 for part in parts))
         assert float(total.second or 0) > 0
     assert all(row.is_equal for row in compare_runs(runs[0], runs[0]).rows)
-
-
-@pytest.mark.parametrize(
-    ("row", "words"),
-    [
-        (ComparedRow(group="run", name="a", unit="s", first=1.04, second=2.0), ("1.0 s", "2.0 s", "+1.0 s")),
-        (ComparedRow(group="run", name="a", unit="", first=3, second=1), ("3", "1", "-2")),
-        (ComparedRow(group="run", name="a", unit="", first=3, second=3), ("3", "3", "")),
-        (ComparedRow(group="run", name="a", unit="J", first=None, second=1.0), ("–", "1 J", "")),
-        (ComparedRow(group="r1", name="tasks", unit="", first="", second="visit-1"), ("–", "visit-1", "")),
-    ],
-)
-def test_row_is_told_in_words(row: ComparedRow, words: tuple[str, str, str]) -> None:
-    assert text_of(row) == words
