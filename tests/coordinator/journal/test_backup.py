@@ -25,7 +25,7 @@ from robrain.coordinator.journal.backup import (
     restore_backup,
     write_backup,
 )
-from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
+from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.backups import Backups
 from robrain.protocol.errors import CallError, ErrorCode
@@ -185,12 +185,6 @@ def test_restored_journal_is_as_it_was_and_what_was_there_is_kept(path, tmp_path
     assert len(ids(path.with_name(f"{path.name}.before-1"))) == 7
 
 
-def test_restore_makes_a_journal_where_there_is_none(path, tmp_path) -> None:
-    backup = backed_up(path, tmp_path / "one.backup")
-    restore_backup(backup, tmp_path / "elsewhere" / "new.journal")
-    assert ids(tmp_path / "elsewhere" / "new.journal") == ids(path)
-
-
 def test_restored_journal_gives_out_no_epoch_twice(path, tmp_path) -> None:
     backup = backed_up(path, tmp_path / "one.backup")
     with closing(Journal(path)) as journal:
@@ -226,26 +220,6 @@ def test_restore_over_a_damaged_journal_puts_it_aside(path, tmp_path) -> None:
     assert "was damaged" in done.report[0]
     assert path.with_name(f"{path.name}.damaged-1").exists()
     assert len(ids(path)) == 5
-
-
-def test_restore_that_fails_leaves_the_journal_as_it_was(path, tmp_path, monkeypatch) -> None:
-    backup = backed_up(path, tmp_path / "one.backup")
-    with closing(Journal(path)) as journal:
-        fill(journal, 5, 2)
-
-    class Full(sqlite3.Connection):
-        def backup(self, *_, **__) -> None:
-            raise sqlite3.OperationalError("database or disk is full")
-
-    def in_memory(_: Path) -> sqlite3.Connection:
-        connection = sqlite3.connect(backup, isolation_level=None, factory=Full)
-        connection.execute("BEGIN")
-        return connection
-
-    monkeypatch.setattr(backup_module, "_in_memory", in_memory)
-    with pytest.raises(JournalUnwritable, match="disk is full"):
-        restore_backup(backup, path)
-    assert len(ids(path)) == 7
 
 
 class _Killing(sqlite3.Connection):
@@ -369,10 +343,3 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
     with pytest.raises(CallError, match="the disk has gone"):
         until(first.poll, "no answer came")
     desk.close()
-
-
-def test_journal_in_memory_has_no_backup(endpoint) -> None:
-    with closing(Journal()) as journal:
-        backups(endpoint, journal)
-        with pytest.raises(CallError, match="the journal is in memory"):
-            endpoint.ask(COORDINATOR_BACKUP)

@@ -280,13 +280,6 @@ def test_a_witness_that_could_not_store_its_answer_is_asked_again(team: Team) ->
         assert team.acknowledged == ["t1"]
 
 
-def test_the_operators_word_ends_with_the_first_coordinator_that_is_heard(team: Team) -> None:
-    election = team.run.site(OTHER).candidate.election
-    election.force()
-    team.pass_s(0.5)
-    assert not election.is_forced
-
-
 def lose(team: Team, *names: str) -> None:
     """These are killed, and nobody leads any more."""
     for name in names:

@@ -157,18 +157,6 @@ def test_a_robot_does_what_no_mote_can(field, voltage_v, silent_s, kind, paramet
     assert field.get("t").robot == robot
 
 
-def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
-    field.run(1.0)
-    assert field.get("s").robot == "mote:m1"
-    field.run(14.0)
-    assert field.get("s").robot == "r1"
-    assert field.team.history("s")[-3:] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
-
-
 def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
     team = field.team
     team.begin(None, PlanningPolicy(method="nearest"))  # no plan is made for it
@@ -250,16 +238,6 @@ def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
     field.run(6.0)
     assert mote.period_s == 4.0
     assert field.get("w").state is TaskState.CANCELLED
-
-
-def test_mote_s_task_does_not_outlive_its_deadline(field):
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
-    field.run(5.0)
-    record = field.get("s")
-    assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
 
 
 def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_has_passed(field):

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -154,11 +153,6 @@ def test_a_coordinator_that_begins_anew_goes_on_with_the_last_try(team, crew):
     assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
     assert (told("gather"), told("share")) == (4, 2)
     journal.close()
-
-
-def test_more_robots_than_there_are_is_refused(team, crew):
-    with pytest.raises(CallError, match="it needs 4 robots at once that have visit, and the team has 3"):
-        team.submit(together(robots=4))
 
 
 def test_three_at_once_and_what_comes_after(team, crew):

@@ -35,11 +35,6 @@ def test_a_tour_is_gone_in_the_direction_in_which_dear_jobs_come_first():
     assert eager(asked, "far", "near") == ("far", "near")
 
 
-def test_what_can_be_done_meanwhile_is_done_meanwhile():
-    asked = problem(job("late", 2, earliest_s=50.0), job("now", 1), job("too", 3, service_s=1.0))
-    assert eager(asked, "late", "too", "now")[0] != "late"
-
-
 def test_what_can_be_done_meanwhile_is_also_where_the_other_direction_would_wait_longer():
     asked = problem(job("late", 2, earliest_s=50.0), job("now", 1), job("last", 3, earliest_s=60.0))
     assert eager(asked, "late", "now", "last") == ("now", "late", "last")

@@ -6,7 +6,7 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import TASK_ESTIMATES
-from robrain.protocol.messages.tasks.task_messages import TASK_GET, TASK_LIST, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_GET, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
@@ -150,18 +150,6 @@ def test_estimates_are_published_when_one_has_moved(team):
     robot.end(TaskState.DONE)
     team.run(1.2)
     assert inbox.drain()[-1].message.tasks == ()
-
-
-def test_estimates_are_in_lists_and_only_of_open_tasks(team):
-    robot = team.settle("r1", 4.0)
-    team.submit(visit("a", 5.0))
-    team.submit(visit("b", 6.0))
-    team.run(0.5)
-    robot.end(TaskState.DONE)
-    team.run(0.5)
-    found = {record.task.id: record.estimate for record in team.asker.ask(TASK_LIST)}
-    assert {name for name, one in found.items() if one is None} == {"a"}
-    assert found["b"].robot == "r1"
 
 
 def test_robot_that_reports_impossible_energies_spoils_no_estimate(team):

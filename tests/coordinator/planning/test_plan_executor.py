@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from robrain.coordinator.core.core import Parts
-from robrain.coordinator.planning.plan_executor import CHECK_NS, OFFERS_MAX, PlanExecutor
+from robrain.coordinator.planning.plan_executor import CHECK_NS, PlanExecutor
 from robrain.coordinator.planning.planning import Due, Unplanned
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.task_explanation import TaskExplainer
@@ -103,36 +103,6 @@ def office() -> Iterator[Office]:
 # -- what is due ----------------------------------------------------------------------------------------------------
 
 
-def test_what_is_due_is_offered_and_the_plan_is_told_that_it_was_taken(office):
-    office.robot("r1")
-    office.add("t1")
-    office.plan.offers = [Due("t1", "r1", "")]
-    assert not office.step(0)
-    assert office.offered == [("t1", "r1", "")]
-    assert office.state("t1") is TaskState.OFFERED
-    assert office.plan.taken == [("t1", "r1")]
-
-
-def test_an_offer_that_is_refused_at_once_was_not_taken(office):
-    office.robot("r1")
-    office.refuses = {"r1"}
-    office.add("t1")
-    office.plan.offers = [Due("t1", "r1", "")]
-    office.step(0)
-    assert office.offered == [("t1", "r1", "")]
-    assert office.plan.taken == []
-
-
-@pytest.mark.parametrize(("due", "is_more"), [(OFFERS_MAX, False), (OFFERS_MAX + 1, True)])
-def test_so_many_are_offered_in_one_step_and_no_more(office, due, is_more):
-    for number in range(due):
-        office.robot(f"r{number}")
-        office.add(f"t{number}")
-        office.plan.offers.append(Due(f"t{number}", f"r{number}", ""))
-    assert office.step(0) is is_more
-    assert len(office.offered) == len(office.plan.taken) == OFFERS_MAX
-
-
 def test_what_a_robot_explores_is_called_off_for_a_task(office):
     office.robot("r1")
     office.book.add(Task(id="explore-1", kind="explore", place=PLACE), own=True)
@@ -143,18 +113,6 @@ def test_what_a_robot_explores_is_called_off_for_a_task(office):
     assert office.state("explore-1") is TaskState.CANCELLED
     assert ("explore-1", needed_for("r1", "t1")) in office.told
     assert office.state("t1") is TaskState.OFFERED
-
-
-def test_a_task_for_later_leaves_the_robot_at_its_present_one(office):
-    office.robot("r1")
-    office.add("t1", "t2")
-    office.plan.offers = [Due("t1", "r1", "")]
-    office.step(0)
-    office.book.move("t1", TaskState.RUNNING)
-    office.plan.offers = [Due("t2", "r1", "t1")]
-    office.step(0)
-    assert office.state("t1") is TaskState.RUNNING
-    assert office.offered[1:] == [("t2", "r1", "t1")]
 
 
 def test_a_task_for_later_that_a_robot_may_not_be_given_now_keeps_nothing_else_waiting(office):
@@ -239,12 +197,3 @@ def test_a_task_that_a_robot_could_do_which_is_out_now_is_not_given_up(office, i
     office.step(to_ns(2 * GIVE_UP_S))
     is_kept = is_anybody_out and able_but_out
     assert office.state("t1") is (TaskState.QUEUED if is_kept else TaskState.FAILED)
-
-
-def test_a_task_that_nobody_has_the_plugins_for_is_told_elsewhere(office):
-    office.add("t1")
-    office.tasks.eligibility.nobody_can = lambda record: plain("team_lacks", "words")
-    office.plan.left_out = {"t1": Unplanned(lacks("r2", 20.0), 0)}
-    office.step(to_ns(2 * GIVE_UP_S))
-    assert office.state("t1") is TaskState.QUEUED
-    assert [reason for _, reason in office.told[1:]] == [plain("team_lacks", "words")]

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
+from robrain.coordinator.planning.plan_passes import PASSES
 from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.registry import Registry
@@ -107,11 +107,6 @@ def solver(*passes, orders=None, gain_min=0.0):
     begun = msgspec.structs.replace(job("at", 1), pinned_to="r0")
     asked = problem(begun, job("a", 2), job("b", 1))
     return PlanSolver(asked, PlanningPolicy(method="auction", gain_min=gain_min, passes=passes), orders or {})
-
-
-def test_the_stock_passes_are_there_and_applied_by_default():
-    assert PlanningPolicy().passes == STOCK_PASSES == ("stability", "charging_robots", "early_start")
-    assert all(PASSES.is_stock(name) and callable(PASSES.get(name)) for name in STOCK_PASSES)
 
 
 def test_an_unknown_pass_is_refused_with_those_that_there_are():

@@ -7,10 +7,9 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning import plan_search as search
 from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import task_messages
-from robrain.protocol.messages.tasks.task_messages import TaskExplanation, TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskExplanation, TaskRecord, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -145,16 +144,6 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
 
 
 # -- admission and journal ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("field", HUGE)
-def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team, field):
-    team.robot("r1")
-    team.run(0.5)
-    asked = TaskSubmission(task=task_with("bad", Point2D(6.0, 4.0), **{field: HUGE[field]}))
-    with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
-        team.ask(task_messages.TASK_SUBMIT, asked)
-    assert team.states() == {}
 
 
 @pytest.mark.parametrize("field", HUGE)

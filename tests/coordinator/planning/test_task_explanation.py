@@ -72,11 +72,6 @@ def office() -> Iterator[Office]:
 # -- what speaks against a robot ------------------------------------------------------------------------------------
 
 
-def test_nothing_speaks_against_a_robot_that_is_there_idle_and_has_what_it_takes(office: Office) -> None:
-    office.add("t")
-    assert office.refusal() is None
-
-
 def test_a_robot_that_is_silent_or_gone_is_not_asked(office: Office) -> None:
     office.add("t")
     assert office.refusal(now_ns=NOW_NS + to_ns(0.8)) is None
@@ -102,23 +97,7 @@ def test_a_robot_without_the_plugin_is_not_asked_and_one_whose_plugins_are_not_k
     assert office.refusal() is None
 
 
-def test_a_robot_that_has_a_task_is_not_asked_for_another(office: Office) -> None:
-    office.add("t", "other")
-    office.life.offer("other", "r1", NOW_NS)
-    assert office.refusal() == Plain("at_task", task="other")
-    assert office.refusal(robot="r2") is None
-
-
 # -- what a robot says of its task ----------------------------------------------------------------------------------
-
-
-def test_a_robot_that_failed_at_a_task_is_not_asked_for_it_at_once(office: Office) -> None:
-    office.add("t")
-    office.life.offer("t", "r1", NOW_NS)
-    office.say("t", TaskState.FAILED, "no way")
-    assert office.refusal() == Plain("failed")
-    assert office.refusal(robot="r2") is None
-    assert office.life.backoff.pause_reason("t", "r1", NOW_NS + to_ns(2.0)) is None
 
 
 def test_a_task_that_was_held_and_then_begun_was_not_refused_if_it_is_given_up(office: Office) -> None:

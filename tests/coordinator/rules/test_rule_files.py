@@ -103,11 +103,6 @@ def test_parameters_are_filled_at_any_depth_and_keep_their_types():
     }
 
 
-def test_what_a_value_says_is_never_filled_again():
-    assert fill("{mote}", {"mote": "{value}", "value": 1.0}) == "{value}"
-    assert fill("at {mote}", {"mote": "{value}", "value": 1.0}) == "at {value}"
-
-
 @pytest.mark.parametrize("nested", [lambda part: [part], lambda part: (part,), lambda part: {"a": part}])
 def test_tables_and_lists_nested_deeper_than_eight_levels_are_refused(nested):
     deep: object = "x"

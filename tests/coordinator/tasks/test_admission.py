@@ -116,27 +116,6 @@ def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:
     assert why(visit(id="d", after=("b", "c")), others=others) == ""
 
 
-def test_times_may_be_given_from_now_on() -> None:
-    asked = TaskSubmission(task=visit(priority=2.0), earliest_in_s=1.5, deadline_in_s=60.0)
-    task = asked.task_at(NOW_NS)
-    assert (task.earliest_ns, task.deadline_ns) == (NOW_NS + to_ns(1.5), NOW_NS + to_ns(60.0))
-    assert (task.id, task.priority, task.place) == ("t1", 2.0, Point2D(1.0, 1.0))
-    assert TaskSubmission(task=task).task_at(NOW_NS) is task
-
-
-@pytest.mark.parametrize(
-    ("times", "named"),
-    [
-        ({"deadline_in_s": -1.0}, "deadline_in_s"),
-        ({"earliest_in_s": float("inf")}, "earliest_in_s"),
-        ({"earliest_in_s": 5.0, "deadline_in_s": 4.0}, "deadline_ns after earliest_ns"),
-    ],
-)
-def test_times_that_make_no_sense_are_named(times, named: str) -> None:
-    with pytest.raises((ValueError, msgspec.ValidationError), match=named):
-        TaskSubmission(task=visit(), **times).task_at(NOW_NS)
-
-
 def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
     one = TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0)
     other = TaskSubmission(task=visit(1.0, 2.0), by="somebody else")

@@ -323,14 +323,6 @@ def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) 
     assert desk.mail.withdrawn == [("r1", TaskWithdrawal(id="t2", epoch=epoch, why="ann does not want it"))]
 
 
-def test_robot_that_is_not_there_or_at_nothing_is_told_nothing(desk: Desk) -> None:
-    desk.say("r1", at("t7", 3))
-    desk.clock.advance_to(NOW_NS + to_ns(2.0))
-    desk.say("r2")
-    desk.tasks.withdraw_strays(desk.clock.now_ns())
-    assert desk.mail.withdrawn == []
-
-
 # -- the book ---------------------------------------------------------------------------------------------------
 
 
@@ -340,12 +332,6 @@ def test_deadline_is_passed_only_after_it(desk: Desk) -> None:
     assert desk.stands()[0] is TaskState.QUEUED
     desk.tasks.settle(NOW_NS + 1)
     assert (desk.stands()[0], desk.book.find("t1").why) == (TaskState.FAILED, "its deadline has passed")
-
-
-def test_task_of_the_coordinators_own_that_was_offered_to_nobody_ends(desk: Desk) -> None:
-    desk.add("e1", own=True)
-    desk.tasks.settle(NOW_NS)
-    assert (desk.stands("e1")[0], desk.book.find("e1").why) == (TaskState.CANCELLED, "it was offered to nobody")
 
 
 def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
@@ -359,11 +345,3 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         assert desk.tasks.backoff.pause_reason(task_id, "r1", NOW_NS) == why
         assert desk.stands(task_id)[0] is TaskState.QUEUED
         assert desk.tasks.receive("r1", status, NOW_NS) is None
-
-
-def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_once(desk: Desk) -> None:
-    desk.add("t2")
-    desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
-    status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
-    desk.tasks.receive("r1", status, NOW_NS)
-    assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))

@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_EXPLAIN, TaskExplanation, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.desk_robots import DeskRobot
@@ -67,13 +67,6 @@ def test_the_next_task_runs_as_soon_as_the_last_is_done_and_is_not_offered_again
     assert robot.withdrawals == []
 
 
-def test_who_asks_is_told_that_a_task_is_next(team, robot):
-    until_held(team, robot)
-    found = team.ask(TASK_EXPLAIN, TaskRequest(id="b"), TaskExplanation)
-    assert found.reason.after == "a"
-    assert team.why("b") == "it is next, after a"
-
-
 def test_nothing_is_offered_ahead_to_a_robot_that_does_not_say_when_it_ends(team, robot):
     robot.tells = False
     one_after_the_other(team)
@@ -97,18 +90,6 @@ def test_what_waits_for_the_last_task_or_may_not_begin_yet_is_not_offered_ahead(
     assert offered(robot)[2:] == [("c", "")]
 
 
-def test_a_robot_that_explores_is_not_asked_to_end_that_first(team):
-    robot = DeskRobot(team, "r1", 6.0)
-    robot.takes_s = 20.0
-    team.hall()
-    team.run(1.0)
-    assert robot.offers[-1].task.kind == "explore"
-    team.submit(visit("a", 5.0))
-    team.run(0.2)
-    assert offered(robot)[-1] == ("a", "")
-    assert robot.running == "a"
-
-
 # -- ends before its time -------------------------------------------------------------------------------------------
 
 
@@ -120,14 +101,6 @@ def test_a_held_task_that_is_called_off_is_never_begun(team, robot):
     assert robot.running == "a"
     team.run(5.0)
     assert (robot.begun, team.states()) == (["a"], {"a": DONE, "b": TaskState.CANCELLED})
-
-
-def test_when_the_last_task_is_called_off_the_next_is_begun(team, robot):
-    until_held(team, robot)
-    team.ask(TASK_CANCEL, TaskRequest(id="a"))
-    team.run(0.5)
-    assert robot.running == "b"
-    assert team.states() == {"a": TaskState.CANCELLED, "b": RUNNING}
 
 
 def test_a_held_task_that_is_refused_when_its_turn_comes_goes_to_another(team, robot):
@@ -151,17 +124,6 @@ def test_what_cannot_be_held_is_asked_again_once_the_robot_is_free(team, robot):
     team.run(0.5)
     assert offered(robot) == [("a", ""), ("b", "a"), ("b", "")]
     assert robot.running == "b"
-
-
-def test_a_halted_robot_gives_both_back(team, robot):
-    until_held(team, robot)
-    robot.halted = True
-    team.run(3.0)
-    assert team.states() == {"a": TaskState.QUEUED, "b": TaskState.QUEUED}
-    robot.halted = False
-    team.run(12.0)
-    assert team.states() == {"a": DONE, "b": DONE}
-    assert sorted(robot.done) == ["a", "b"]
 
 
 def test_a_silent_robot_has_neither_after_the_lease_and_another_does_both(team, robot):
@@ -218,12 +180,3 @@ def test_a_coordinator_that_was_away_while_one_followed_the_other_hears_of_both(
     team.run(0.2)
     assert team.states() == {"a": DONE, "b": RUNNING}
     assert robot.withdrawals == []
-
-
-def test_one_that_knows_nothing_any_more_has_both_withdrawn(team, robot):
-    until_held(team, robot)
-    team.begin(None)
-    team.run(0.5)
-    assert {withdrawal.id for withdrawal in robot.withdrawals} == {"a", "b"}
-    assert (robot.running, robot.next) == ("", "")
-    assert robot.done == []

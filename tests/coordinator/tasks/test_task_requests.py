@@ -132,13 +132,6 @@ def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team)
 # -- cancel ---------------------------------------------------------------------------------------------------
 
 
-def test_a_queued_task_is_cancelled_with_who_and_why(team):
-    team.submit(visit())
-    record = team.ask(TASK_CANCEL, TaskRequest(id="t1", by="ann", why="too late"))
-    assert (record.state, record.why) == (TaskState.CANCELLED, "cancelled by ann: too late")
-    assert team.ask(TASK_CANCEL, TaskRequest(id="t1")) == record  # again, the same
-
-
 def test_a_running_task_is_withdrawn_from_its_robot(team):
     robot = team.settle()
     team.submit(visit())

@@ -16,11 +16,6 @@ def patch(robot="r1", geometry=GEOMETRY, *, row=2, column=3, shape=(4, 5), kind=
     return to_message(robot, geometry, PatchCells(row, column, np.full(shape, kind, np.int8), stamp_ms))
 
 
-def test_before_the_first_patch_nothing_is_known():
-    team_map = TeamMap()
-    assert (team_map.grid, team_map.version, team_map.known_area_m2) == (None, 0, 0.0)
-
-
 def test_the_first_patch_says_which_grid_the_team_maps_on():
     team_map = TeamMap()
     team_map.merge(patch())
