@@ -1,6 +1,7 @@
 """The journal on disk: what is in it stays in it, whatever file it finds."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -11,9 +12,10 @@ from robrain.coordinator.journal.errors import JournalError, JournalLocked, Jour
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import RobotOut, halted
+from robrain.protocol.reasons import Refused, RobotOut, no_path
 
 ASKED = b'{"task":{"id":"t1","kind":"visit"}}'
 
@@ -245,17 +247,39 @@ def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Pa
     again.close()
 
 
-def test_of_a_reason_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
-    journal = Journal(path)
-    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=RobotOut("r1", halted()))
+def test_a_reason_is_kept_and_of_one_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
+    journal, reason = Journal(path), RobotOut("r1", Refused(no_path()))
+    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=reason)
     journal.close()
-    connection = sqlite3.connect(path)
-    connection.execute("UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')")
-    connection.execute("UPDATE change SET reason = replace(reason, 'robot_out', 'robot_naps')")
-    connection.commit()
-    connection.close()
+    for kept, statement in (
+        (reason, "UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')"),
+        (None, "UPDATE change SET reason = replace(reason, 'robot_out', 'robot_naps')"),
+    ):
+        journal = Journal(path)
+        (record,) = journal.open_records()
+        assert (record.task.id, record.why, record.reason) == ("t1", "r1 waits", kept)
+        assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("r1 waits", reason)]
+        assert journal.wrong == {}
+        journal.close()
+        with closing(sqlite3.connect(path)) as connection, connection:
+            connection.execute(statement)
     journal = Journal(path)
-    (record,) = journal.open_records()
-    assert (record.task.id, record.why, record.reason) == ("t1", "r1 waits", None)
     assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("r1 waits", None)]
-    assert journal.wrong == {}
+    journal.close()
+
+
+def test_an_alarm_is_kept_with_its_task_or_not_at_all(path: Path) -> None:
+    alarm = JournalAlarm(rule="heat", source="m1", measured_ns=10, fired_ns=20)
+    journal = Journal(path)
+    journal.accept(queued("t1"), alarm=alarm)
+    with pytest.raises(sqlite3.IntegrityError):
+        journal.accept(queued("t1"), alarm=msgspec.structs.replace(alarm, source="m2"))
+    journal.close()
+    again = Journal(path)
+    assert (again.alarms(), [record.task.id for record in again.open_records()]) == ([alarm], ["t1"])
+    armed = msgspec.structs.replace(alarm, is_armed=True)
+    again.record_alarm(armed)
+    assert again.alarms() == [armed]  # a source has one alarm, the last
+    again.keep_alarms([])
+    assert again.alarms() == []
+    again.close()
