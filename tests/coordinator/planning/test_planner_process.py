@@ -1,6 +1,5 @@
 """The process that makes plans: killed, stopped, interrupted, left alone, it costs the coordinator no question."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robrain.coordinator.planning.live_planner import LivePlanner, PlannerProcess
+from robrain.coordinator.planning.live_planner import LivePlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.waiting import PATIENCE_S, has_ended, until
@@ -75,23 +74,6 @@ def test_a_process_outlives_an_interrupt_is_replaced_when_it_is_killed_idle_or_a
     planner.ask(open_floor_snapshot(8, 3), SHORT)  # nobody does so, but nothing comes of it
     assert planner.pid is None
     assert "Traceback" not in capfd.readouterr().err
-
-
-def open_links():
-    """The sockets and pipes that this process has open, by their inodes: descriptors are given to others again."""
-    found = set()
-    for entry in Path("/proc/self/fd").iterdir():
-        with contextlib.suppress(FileNotFoundError):  # closed meanwhile, as that of the listing itself
-            found.add(os.readlink(entry))
-    return {name for name in found if name.startswith(("socket:", "pipe:"))}
-
-
-def test_a_process_that_cannot_be_started_leaves_no_open_file(monkeypatch):
-    before = open_links()
-    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
-    with pytest.raises(FileNotFoundError):
-        PlannerProcess(lambda _: None, lambda: None)
-    assert open_links() <= before
 
 
 def test_closing_while_it_starts_leaves_no_process(made):
