@@ -128,7 +128,7 @@ class Forecast:
         self._learn()
         for steps in plan.steps.values() if plan is not None else ():
             self._steps |= {step.task: step for step in steps if not step.has_begun}
-        self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
+        self._steps = {task: step for task, step in self._steps.items() if self._book.is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
             self._estimated.setdefault((task, times.stage), (now_ns, times))
@@ -221,7 +221,9 @@ class Forecast:
     def _learn(self) -> None:
         """Compare the estimates of tasks that have ended with what they took."""
         has_learned = False
-        for task in [name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._is_open(name)]:
+        for task in [
+            name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._book.is_open(name)
+        ]:
             estimates = [self._estimated.pop((task, stage), None) for stage in (BEGUN, NEXT, LATER)]
             record, step = self._book.find(task), self._steps.pop(task, None)
             if record is None or record.state is not TaskState.DONE:
@@ -241,10 +243,6 @@ class Forecast:
         if has_learned:
             self._travel_ratio, self._energy_ratio = median(self._travel_ratios), median(self._energy_ratios)
             self._intervals = _intervals(self._ratios)
-
-    def _is_open(self, task: str) -> bool:
-        record = self._book.find(task)
-        return record is not None and not record.state.ended
 
 
 def _judged(times: TaskTimes, task: Task) -> TaskTimes:

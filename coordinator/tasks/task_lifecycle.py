@@ -90,19 +90,17 @@ class Offers:
 
     Args:
         wire: the coordinator's Zenoh endpoint.
-        lease_s: silence of the coordinator after which a robot releases its task.
 
     """
 
-    def __init__(self, wire: Endpoint, lease_s: float) -> None:
+    def __init__(self, wire: Endpoint) -> None:
         self._wire = wire
-        self._lease_s = lease_s
         self._asked: list[_PendingOffer] = []
         self._withdrawn: list[_Withdrawn] = []
 
     def offer(self, record: TaskRecord, after: str) -> None:
         """Offer a record's task to its robot, to begin now or after its running task `after`."""
-        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
+        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=LEASE_S, after=after)
         reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S)
         self._asked.append(_PendingOffer(record, after, reply))
 
@@ -164,7 +162,7 @@ class TaskLifecycle:
         self.wire, self.book, self.roster, self.capabilities = wire, book, roster, capabilities
         self.backoff = TaskPauses()
         self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate)
-        self._offers = Offers(wire, LEASE_S)
+        self._offers = Offers(wire)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
         self._since_ns = self._begun_ns = wire.clock.now_ns()

@@ -12,14 +12,12 @@ from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
-from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S, Team
 from tests.plain_reason import Plain
 
@@ -92,16 +90,6 @@ def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):
     )
 
 
-def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(team):
-    robot = team.robot("r1", 5.8)
-    team.corridor()
-    team.run(1.0)
-    robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
-    team.run(0.5)
-    (gap,) = team.coordinator.part(Exploration).explorer._narrow.gaps
-    assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
-
-
 def test_a_refused_place_is_offered_to_another_and_not_again_for_a_while(team):
     robot = team.robot("r1")
     robot.accepts = False
@@ -135,21 +123,6 @@ def test_a_place_where_a_robot_failed_is_shunned_by_it_for_fifteen_seconds(team)
     robot.end(TaskState.DONE)
     team.run(1.0)
     assert robot.goal == west
-
-
-def test_a_robot_that_nobody_answers_for_costs_its_task_only(team, caplog):
-    robot = team.robot("r1")
-    deaf = team.robot("r2", 5.0)
-    deaf.leave()
-    deaf.wire = Endpoint(team.session, "default", team.clock, Drive.LOCKSTEP)
-    deaf._states = deaf.wire.publisher(ROBOT_STATE, robot="r2")
-    deaf.wire.token(ROBOT_ALIVE, robot="r2")
-    team.hall()
-    team.run(1.0)
-    assert len(robot.offers) == 1
-    refused = [event for event in team.heard if event.robot == "r2" and event.state is TaskState.CANCELLED]
-    assert refused
-    assert "nobody answers" in refused[0].why
 
 
 def test_robot_that_has_gone_is_listed_with_its_task_until_it_is_removed(team):
@@ -289,16 +262,6 @@ def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
     assert team.why(first.id) == f"its robot was sent on to {robot.task.id} instead"
     assert team.history(robot.task.id)[-1] is TaskState.RUNNING
     assert team.summary.tasks_open == 1
-
-
-def test_a_robot_that_explores_alone_keeps_its_goal(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
-    robot = team.robot("r1", 4.0)
-    team.corridor()
-    team.run(1.0)
-    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
-    team.run(3.0)
-    assert len(robot.offers) == 1
 
 
 def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):

@@ -240,30 +240,14 @@ def test_monitoring_that_is_called_off_leaves_the_mote_as_it_was(field):
     assert field.get("w").state is TaskState.CANCELLED
 
 
-def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_has_passed(field):
+def test_mote_s_task_does_not_outlive_its_deadline(field):
     mote = field.mote()
     field.run(5.0)
     mote.speaks = False
     field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
-    field.run(1.0)
-    assert field.get("s").robot == "mote:m1"
-    core, motes = field.team.coordinator.core, field.team.coordinator.part(MoteMembers)
-    core.assign_due_ns = 1
-    motes.decide(field.team.clock.now_ns() + to_ns(0.5))
-    assert field.get("s").robot == "mote:m1"
-    motes.decide(field.team.clock.now_ns() + to_ns(3.0))
-    assert field.get("s").state is TaskState.FAILED
-    assert core.assign_due_ns == 1, "nobody else may do it"
-
-
-def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.motes.mote_members.MOTES_MAX", 2)
-    table = MoteTable()
-    for mote in ("m1", "m2", "m3", "m1"):
-        table.record(
-            MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0
-        )
-    assert list(table.motes) == ["m1", "m2"]
+    field.run(5.0)
+    record = field.get("s")
+    assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
 
 
 def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():

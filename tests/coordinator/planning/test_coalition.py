@@ -136,32 +136,6 @@ def test_a_coordinator_that_begins_anew_goes_on_with_it(team, crew):
     journal.close()
 
 
-def test_a_coordinator_that_begins_anew_goes_on_with_the_last_try(team, crew):
-    journal = Journal()
-    team.begin(journal)
-    run(team, crew, 1.0)
-    team.submit(together())
-
-    def told(kind):
-        return sum(len(parts(worker, kind)) for worker in crew)
-
-    assert run(team, crew, 5.0, until=lambda: told("gather") == 2)
-    at_it(crew)[0].robot.end(TaskState.CANCELLED, "the way is blocked")
-    for kind, count in (("gather", 4), ("share", 2)):
-        assert run(team, crew, 60.0, until=lambda kind=kind, count=count: told(kind) == count)
-        team.begin(journal)
-    assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
-    assert (told("gather"), told("share")) == (4, 2)
-    journal.close()
-
-
-def test_three_at_once_and_what_comes_after(team, crew):
-    team.submit(together(robots=3))
-    team.submit(Task(id="then", kind="visit", place=PLACE, after=("lift",)))
-    assert run(team, crew, 90.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
-    assert team.history("then")[-1] is TaskState.DONE
-
-
 @pytest.mark.parametrize("told", [0, 1])
 def test_a_coordinator_that_was_killed_before_all_had_been_told_has_it_planned_anew(team, told):
     journal = Journal()

@@ -65,16 +65,6 @@ def test_end_of_a_robot_that_is_stuck_moves_away_within_two_seconds_and_with_it_
     assert estimate(team, "second").ends_in_s == pytest.approx(after[1] + 30.0, abs=2.1)
 
 
-def test_end_of_a_robot_that_reports_none_is_that_of_the_plan(team):
-    team.settle("r1", 4.0)
-    team.submit(visit("t", 5.0, service_s=20.0))
-    team.run(0.2)
-    planned_s = estimate(team, "t").ends_in_s
-    assert planned_s > 20.0
-    team.run(5.0)
-    assert estimate(team, "t").ends_in_s == pytest.approx(planned_s - 5.0, abs=0.2)
-
-
 def test_task_waits_for_its_time_and_for_those_before_it(team):
     robot = team.settle("r1", 4.0)
     team.settle("r2", 4.0)

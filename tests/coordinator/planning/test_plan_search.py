@@ -4,7 +4,6 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.planning import plan_search as search
 from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -59,21 +58,6 @@ def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
     made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
     assert made.waiting["next"] == Plain("after_unplanned", task="bad")
-
-
-def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):
-    tried = []
-
-    def faulty(snapshot, *_):
-        tried.append(len(snapshot.records))
-        if len(snapshot.records) > 1:
-            raise OverflowError("too many")
-
-    monkeypatch.setattr(search, "build_problem", faulty)
-    monkeypatch.setattr(search, "Draft", lambda *_: None)
-    with pytest.raises(OverflowError, match="too many"):
-        PlanSearch().draft(open_floor_snapshot(1, 3), PlanningPolicy())
-    assert tried == [3, 1, 1, 1]
 
 
 @pytest.mark.parametrize("method", ["greedy", "auction", "optimal"])

@@ -15,7 +15,9 @@ from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExpl
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import needed_for
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+from tests.plain_reason import Plain
 
 
 def visit(name: str, x_m: float = 6.0, y_m: float = 4.0, **fields) -> Task:
@@ -133,7 +135,33 @@ def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     assert offered(tired) == ["t2"]
 
 
-# -- told, recorded, decided again ----------------------------------------------------------------------------------
+@pytest.mark.parametrize("is_able_robot_out", [False, True])
+def test_a_task_that_no_robot_can_do_fails_after_a_while_without_a_deadline_or_an_able_robot(team, is_able_robot_out):
+    team.begin(None, PlanningPolicy(give_up_s=5.0))
+    worker = Worker(team.robot("r1", 3.5), remaining_j=0.101 * CAPACITY_J)
+    if is_able_robot_out:
+        team.robot("r2", 8.0).halted = True
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t", 8.5))
+    team.submit(visit("with-deadline", 8.5), deadline_in_s=60.0)
+    run(team, [worker], 4.0)
+    assert set(team.states().values()) == {TaskState.QUEUED}
+    run(team, [worker], 8.0)
+    is_kept = TaskState.QUEUED if is_able_robot_out else TaskState.FAILED
+    assert team.states() == {"t": is_kept, "with-deadline": TaskState.QUEUED}
+    assert [event.reason for event in team.heard if event.state is TaskState.FAILED] == (
+        [] if is_able_robot_out else [Plain("gave_up")]
+    )
+
+
+def test_what_a_robot_explores_is_called_off_for_a_task(team):
+    robot = team.explore()
+    explored = robot.task.id
+    team.submit(visit("t", 7.0))
+    team.run(0.5)
+    assert robot.task.id == "t"
+    assert [event.reason for event in team.heard if event.task.id == explored][-1] == needed_for("r1", "t")
 
 
 # -- the objective ----------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, unknown_names
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -116,16 +116,6 @@ def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:
     assert why(visit(id="d", after=("b", "c")), others=others) == ""
 
 
-def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
-    one = TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0)
-    other = TaskSubmission(task=visit(1.0, 2.0), by="somebody else")
-    assert one.differs_from(one.word) == ""
-    assert other.differs_from(one.word) == (
-        'deadline_in_s is 5.0, not unset, needs is ["camera"], not unset, place.y_m is 1.0, not 2.0,'
-        " priority is 2.0, not unset"
-    )
-
-
 MOTES = {"m1": "radiation_usv"}
 CHARGERS = [Point2D(1.0, 2.0)]
 
@@ -152,9 +142,3 @@ def test_task_that_names_what_the_team_does_not_have_is_refused(kind: str, field
     task = Task(**{"id": "t1", "kind": kind, "place": Point2D(1.0, 1.0), **fields})
     assert unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS).startswith(words)
     assert bool(words) == bool(unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS))
-
-
-def test_any_mote_and_charger_may_be_there_before_one_is_known() -> None:
-    collect = Task(id="t1", kind="collect", place=Point2D(1.0, 1.0), parameters={"mote": "m9"})
-    recharge = Task(id="t1", kind="recharge", place=Point2D(1.0, 1.0))
-    assert [unknown_names(task, (), dict, list) for task in (collect, recharge)] == ["", ""]

@@ -19,14 +19,19 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
+    Gone,
     LeaseRanOut,
     NeedsEnergy,
+    NoState,
     Occupied,
     OfferRefusal,
     PlainReason,
     PositionLost,
     Refused,
     RobotHalted,
+    RobotReason,
+    halted,
+    lacks_plugins,
     plain,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -345,3 +350,50 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         assert desk.tasks.backoff.pause_reason(task_id, "r1", NOW_NS) == why
         assert desk.stands(task_id)[0] is TaskState.QUEUED
         assert desk.tasks.receive("r1", status, NOW_NS) is None
+
+
+# -- who is asked, and whose words count against it -----------------------------------------------------------------
+
+
+def refusal(desk: Desk, robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
+    record = desk.book.find("t1")
+    assert record is not None
+    return desk.tasks.eligibility.refusal(record, desk.roster.robots[robot], now_ns)
+
+
+def test_robot_that_is_silent_halted_gone_or_lacks_the_plugin_is_not_asked(desk: Desk) -> None:
+    desk.add()
+    assert refusal(desk) is None
+    assert refusal(desk, now_ns=NOW_NS + to_ns(0.8)) is None
+    assert refusal(desk, now_ns=NOW_NS + to_ns(1.5)) == Plain("lost_contact", silent_s=1.5)
+    desk.tasks.capabilities.plugins["r1"] = frozenset({"explore"})
+    assert refusal(desk) == lacks_plugins(("visit",))
+    desk.tasks.capabilities.plugins["r1"] = None  # it may have any
+    assert refusal(desk) is None
+    desk.roster.record_state(RobotState(robot="r1", halted=True), NOW_NS)
+    assert (refusal(desk), refusal(desk, "r2")) == (halted(), None)
+    desk.roster.record_presence(Change({"robot": "r1"}, False))
+    assert refusal(desk) == Gone()
+    desk.roster.robots["r1"].received_ns = None
+    assert refusal(desk) == NoState()
+
+
+def test_only_a_held_task_that_is_called_off_before_its_turn_counts_as_refused(desk: Desk) -> None:
+    def cancelled(task_id: str) -> RobotReason | None:
+        record = desk.book.find(task_id)
+        assert record is not None
+        status = TaskStatus(id=task_id, epoch=record.epoch, state=TaskState.CANCELLED, why="no way")
+        desk.tasks.receive("r1", status, NOW_NS)
+        return desk.tasks.backoff.pause_reason(task_id, "r1", NOW_NS)
+
+    for name in ("first", "held", "begun", "offered"):
+        desk.add(name)
+    desk.tasks.offer("first", "r1", NOW_NS)
+    desk.tasks.offer("held", "r1", NOW_NS, after="first")
+    assert cancelled("first") is None
+    assert cancelled("held") == Refused(PlainReason("no way"))
+    desk.tasks.offer("begun", "r1", NOW_NS, after="t0")
+    desk.book.move("begun", TaskState.RUNNING)
+    assert cancelled("begun") is None
+    desk.book.offered("offered", "r1")  # the robot's answer is still on its way
+    assert cancelled("offered") is None

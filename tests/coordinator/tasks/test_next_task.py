@@ -113,19 +113,6 @@ def test_a_held_task_that_is_refused_when_its_turn_comes_goes_to_another(team, r
     assert "no way there" in [event.why for event in team.heard if event.state is TaskState.QUEUED]
 
 
-def test_what_cannot_be_held_is_asked_again_once_the_robot_is_free(team, robot):
-    held = robot.desk.offer
-    one_after_the_other(team)
-    robot.desk.offer = lambda offer, now_ns: NOT_NOW if offer.after else held(offer, now_ns)
-    team.run(3.5)
-    assert offered(robot) == [("a", ""), ("b", "a")]
-    assert team.states() == {"a": RUNNING, "b": TaskState.QUEUED}
-    robot.desk.offer = held
-    team.run(0.5)
-    assert offered(robot) == [("a", ""), ("b", "a"), ("b", "")]
-    assert robot.running == "b"
-
-
 def test_a_silent_robot_has_neither_after_the_lease_and_another_does_both(team, robot):
     until_held(team, robot)
     other = DeskRobot(team, "r2", 8.5)

@@ -120,13 +120,6 @@ def test_a_silent_robot_is_passed_by_and_without_any_answer_the_task_waits_no_lo
     assert not team.costs.is_waiting
 
 
-def test_a_robot_that_cannot_tell_says_nothing_of_the_cost(team: Team) -> None:
-    team.robot("r1", sweep=1)
-    team.told["s1"] = TaskCost(id="s1", wait_s=3.0, why="a task to sweep needs side_m")
-    team.follow(sweep(1))
-    assert team.costs.of(sweep(1)) == ()
-
-
 def test_answers_that_nobody_asked_for_are_not_believed(team: Team) -> None:
     team.robot("r1", sweep=1)
     team.told["s1"] = TaskCost(id="another", wait_s=1e5)

@@ -8,10 +8,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
     TASK_EXPLAIN,
     TASK_GET,
-    TASK_LIST,
     TaskExplanation,
-    TaskFilter,
-    TaskRecord,
     TaskRequest,
 )
 from robrain.protocol.model.geometry import Point2D
@@ -74,9 +71,6 @@ def test_what_can_never_be_done_is_refused_at_once(team):
     team.settle()
     for task, words in (
         (visit(x_m=-3.0), "task t1 is refused: (-3, 4) is outside of the map"),
-        (visit(y_m=1.95), "task t1 is refused: (6, 1.95) is in a wall"),
-        (visit(needs=("arm",)), "task t1 is refused: no robot of the team has arm"),
-        (visit(deadline_ns=1), "task t1 is refused: its deadline was"),
         (visit(after=("t1",)), "task t1 is refused: it would wait for itself"),
         (visit(after=("t9",)), "task t1 is refused: it is to wait for task t9, and there is none of that name"),
     ):
@@ -160,23 +154,6 @@ def test_what_has_ended_or_never_was_cannot_be_cancelled(team):
 
 
 # -- list, get, why -------------------------------------------------------------------------------------------
-
-
-def test_tasks_are_listed_as_they_are_asked_for(team):
-    team.robot("r1")
-    team.hall()
-    team.submit(visit("a"))
-    team.submit(visit("b", x_m=7.0), by="ann")
-    team.run(1.0)
-
-    def names(**wanted):
-        return [record.task.id for record in team.ask(TASK_LIST, TaskFilter(**wanted), list[TaskRecord])]
-
-    assert names() == ["a", "b"]
-    assert names(by="ann") == ["b"]
-    assert names(states=[TaskState.RUNNING]) == ["a"]
-    assert names(robot="r1", kinds=["visit"]) == ["a"]
-    assert team.asker.ask(TASK_LIST)[0].task.id == "a"
 
 
 def test_why_says_how_each_robot_was_judged_and_what_happened(team):
