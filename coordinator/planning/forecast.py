@@ -176,7 +176,8 @@ class Forecast:
         if not remaining_s < math.inf:
             if step is None:
                 return None
-            remaining_s = max(0.0, self._whole_s(step) - to_seconds(now_ns - record.changed_ns))
+            whole_s = self._travel_s(step) + step.service_s - HANDLING_S
+            remaining_s = max(0.0, whole_s - to_seconds(now_ns - record.changed_ns))
         service_s = 0.0 if step is None else step.service_s - HANDLING_S
         end_ns = now_ns + to_ns(remaining_s)
         arrive_ns = end_ns - to_ns(service_s)
@@ -214,9 +215,6 @@ class Forecast:
 
     def _travel_s(self, step: PlannedStep) -> float:
         return self._travel_ratio * (step.travel_s / self.time_margin + HANDLING_S)
-
-    def _whole_s(self, step: PlannedStep) -> float:
-        return self._travel_s(step) + step.service_s - HANDLING_S
 
     def _learn(self) -> None:
         """Compare the estimates of tasks that have ended with what they took."""

@@ -321,7 +321,8 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         except BadName as error:
             raise ValueError(str(error)) from error
         if (self.reading is None) == (self.event is None):
-            raise ValueError(f"rule {self.name}: expected either reading or event, got {self._given}")
+            given = "neither" if self.reading is None else "both"
+            raise ValueError(f"rule {self.name}: expected either reading or event, got {given}")
         try:
             self.task.check(OF_READING if self.event is None else OF_EVENT)
         except ValueError as error:
@@ -331,10 +332,6 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def by(self) -> str:
         """Requester of its tasks."""
         return f"{BY}{self.name}"
-
-    @property
-    def _given(self) -> str:
-        return "neither" if self.reading is None else "both"
 
 
 def check_rules(rules: Iterable[Rule]) -> None:

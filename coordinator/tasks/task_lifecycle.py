@@ -236,10 +236,9 @@ class TaskLifecycle:
         self.book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
+        pauses.answered(robot)
         if record.own:
             pauses.refused(robot, refusal, now_ns)
-        else:
-            pauses.answered(robot)
         if not after:  # tasks refused for the present are offered again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:

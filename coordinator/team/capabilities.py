@@ -76,7 +76,8 @@ class Capabilities:
             if self.plugins.get(name) != plugins or self.kinds.get(name) != kinds:
                 has_changed = True
                 self.plugins[name], self.kinds[name] = plugins, kinds
-                self._announcements[name] = {kind: _number_of(one) for kind, one in kinds.items()}
+                encoded = {kind: msgspec.json.encode(one, order="deterministic") for kind, one in kinds.items()}
+                self._announcements[name] = {kind: zlib.crc32(one) for kind, one in encoded.items()}
                 self.version += 1
         return has_changed
 
@@ -106,7 +107,3 @@ class Capabilities:
     def came(self, robot: str) -> None:
         """A robot came, maybe with other plugins than before: it is asked again."""
         self._asked_ns.pop(robot, None)
-
-
-def _number_of(kind: TaskKind) -> int:
-    return zlib.crc32(msgspec.json.encode(kind, order="deterministic"))

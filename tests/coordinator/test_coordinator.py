@@ -5,19 +5,16 @@ from types import NoneType
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import FREE, GridGeometry
+from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
-from robrain.protocol.refusals import RefusalCode
 from tests.coordinator.conftest import TICK_S, Team
 from tests.plain_reason import Plain
 
@@ -195,21 +192,6 @@ def test_a_coordinator_that_comes_late_asks_for_the_whole_map(team):
     team.run(1.0)
     assert team.coordinator.team_map.known_area_m2 == pytest.approx(16.0)
     assert len(robot.offers) == 1
-
-
-def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
-    team.robot("r1")
-    team.hall()
-    team.run(0.5)
-    team.coordinator.team_map.hold()
-    team.robots[0].say_map(GridGeometry(0.05, 0.0, 0.0, 50, 50), PatchCells(0, 0, np.full((5, 5), FREE, np.int8), 400))
-    team.run(0.2)
-    refusals = team.coordinator._wire.refusals
-    assert refusals.counts() == []
-    team.coordinator.merge_held_patches()
-    (refused,) = refusals.counts()
-    assert (refused.topic, refused.code) == (ROBOT_MAP.name, RefusalCode.NOT_PLAUSIBLE)
-    assert "the map of r1 cannot be merged" in refused.why
 
 
 # -- telling --------------------------------------------------------------------------------------------------

@@ -256,24 +256,6 @@ def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_cha
     assert desk.stands()[0] is state
 
 
-def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:
-    desk.add("t1")
-    desk.add("t2")
-    desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.mail.answer(0, NO)
-    assert desk.tasks.offer("t2", "r2", NOW_NS) is None  # it was the other that was refused
-    assert desk.stands("t1") == (TaskState.QUEUED, "")
-    at_once = desk.mail.offer
-    for why, told in (("no way there", "no way there"), ("", "it does not say why")):
-
-        def refuse(record: TaskRecord, after: str, why: str = why) -> None:
-            at_once(record, after)
-            desk.mail.answer(-1, TaskAnswer(accepted=False, why=why))
-
-        desk.mail.offer = refuse
-        assert desk.tasks.offer("t1", "r1", NOW_NS) == PlainReason(told)
-
-
 def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anothers_is_not(desk: Desk) -> None:
     desk.add("e1", own=True)
     desk.add("t1")
