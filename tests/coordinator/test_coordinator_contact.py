@@ -8,8 +8,6 @@ from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 
-# -- losing and finding robots --------------------------------------------------------------------------------
-
 
 def test_a_lost_robots_task_is_lost_contact_then_cancelled_and_its_frontier_goes_to_another(team):
     lost, other = team.robot("r1", 4.0), team.robot("r2", 8.0)

@@ -226,9 +226,3 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
     run(team, workers, 5.0)
     assert any("reserve" in event.why for event in team.heard if event.task.id == "long")
     assert bool(charges_of(workers[0])) is charges
-
-
-# -- who knows chargers ---------------------------------------------------------------------------------------------
-
-
-# -- when the schedule is published again ---------------------------------------------------------------------------

@@ -127,9 +127,6 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
     assert not caplog.records
 
 
-# -- admission and journal ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("field", HUGE)
 def test_a_coordinator_whose_journal_has_such_a_task_ends_it_and_plans_the_others(team, tmp_path, field):
     path = tmp_path / "team.journal"

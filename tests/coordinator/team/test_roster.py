@@ -91,9 +91,6 @@ def test_a_task_that_has_ended_is_not_in_the_summary(state):
     assert roster.summaries(0)[0].task == ""
 
 
-# -- states that are late ---------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def two():
     one = Roster()
