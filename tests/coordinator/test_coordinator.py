@@ -5,16 +5,19 @@ from types import NoneType
 import numpy as np
 import pytest
 
+from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import FREE
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
+from robrain.protocol.refusals import RefusalCode
 from tests.coordinator.conftest import TICK_S, Team
 from tests.plain_reason import Plain
 
@@ -182,6 +185,16 @@ def test_restarted_coordinator_lists_robots_that_have_gone(team, tmp_path):
     journal.close()
 
 
+def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(team):
+    robot = team.robot("r1", 5.8)
+    team.corridor()
+    team.run(1.0)
+    robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
+    team.run(0.5)
+    (gap,) = team.coordinator.part(Exploration).explorer._narrow.gaps
+    assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
+
+
 # -- the map --------------------------------------------------------------------------------------------------
 
 
@@ -192,6 +205,21 @@ def test_a_coordinator_that_comes_late_asks_for_the_whole_map(team):
     team.run(1.0)
     assert team.coordinator.team_map.known_area_m2 == pytest.approx(16.0)
     assert len(robot.offers) == 1
+
+
+def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
+    team.robot("r1")
+    team.hall()
+    team.run(0.5)
+    team.coordinator.team_map.hold()
+    team.robots[0].say_map(GridGeometry(0.05, 0.0, 0.0, 50, 50), PatchCells(0, 0, np.full((5, 5), FREE, np.int8), 400))
+    team.run(0.2)
+    refusals = team.coordinator._wire.refusals
+    assert refusals.counts() == []
+    team.coordinator.merge_held_patches()
+    (refused,) = refusals.counts()
+    assert (refused.topic, refused.code) == (ROBOT_MAP.name, RefusalCode.NOT_PLAUSIBLE)
+    assert "the map of r1 cannot be merged" in refused.why
 
 
 # -- telling --------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from robrain.coordinator.journal.backup import (
     restore_backup,
     write_backup,
 )
-from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked
+from robrain.coordinator.journal.errors import BadBackup, JournalError, JournalLocked, JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.backups import Backups
 from robrain.protocol.errors import CallError, ErrorCode
@@ -217,6 +217,26 @@ def test_restore_over_a_damaged_journal_puts_it_aside(path, tmp_path) -> None:
     assert len(ids(path)) == 5
 
 
+def test_restore_that_fails_leaves_the_journal_as_it_was(path, tmp_path, monkeypatch) -> None:
+    backup = backed_up(path, tmp_path / "one.backup")
+    with closing(Journal(path)) as journal:
+        fill(journal, 5, 2)
+
+    class Full(sqlite3.Connection):
+        def backup(self, *_, **__) -> None:
+            raise sqlite3.OperationalError("database or disk is full")
+
+    def in_memory(_: Path) -> sqlite3.Connection:
+        connection = sqlite3.connect(backup, isolation_level=None, factory=Full)
+        connection.execute("BEGIN")
+        return connection
+
+    monkeypatch.setattr(backup_module, "_in_memory", in_memory)
+    with pytest.raises(JournalUnwritable, match="disk is full"):
+        restore_backup(backup, path)
+    assert len(ids(path)) == 7
+
+
 class _Killing(sqlite3.Connection):
     def backup(self, target: sqlite3.Connection, **_: object) -> None:
         super().backup(target, pages=5, progress=lambda *_: os.kill(os.getpid(), signal.SIGKILL))
@@ -338,3 +358,10 @@ def test_second_backup_at_the_same_time_is_refused(journal, endpoint, monkeypatc
     with pytest.raises(CallError, match="the disk has gone"):
         until(first.poll, "no answer came")
     desk.close()
+
+
+def test_journal_in_memory_has_no_backup(endpoint) -> None:
+    with closing(Journal()) as journal:
+        backups(endpoint, journal)
+        with pytest.raises(CallError, match="the journal is in memory"):
+            endpoint.ask(COORDINATOR_BACKUP)

@@ -226,3 +226,12 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
     run(team, workers, 5.0)
     assert any("reserve" in event.why for event in team.heard if event.task.id == "long")
     assert bool(charges_of(workers[0])) is charges
+
+
+def test_a_robot_that_refuses_to_charge_is_asked_again_after_half_a_minute(team):
+    (worker,) = staff(team, (0.2,))
+    worker.robot.accepts = False
+    run(team, [worker], 25.0)
+    assert len(charges_of(worker)) == 1
+    run(team, [worker], 15.0)
+    assert len(charges_of(worker)) == 2

@@ -50,6 +50,12 @@ def nothing(draft):
     """No plan at all."""
 
 
+def other(draft):
+    """A plan for something else."""
+    plan = msgspec.structs.replace(draft.plan, objective=type(draft.plan.objective).LIFETIME)
+    return msgspec.structs.replace(draft, plan=plan)
+
+
 def idle(draft):
     """Nobody does anything, and nobody says why."""
     pinned = {job.id for job in draft.problem.jobs if job.pinned_to}
@@ -68,6 +74,7 @@ BAD = {
     "everything": "cannot be carried out: r0 is at at",
     "leaves": "r0 is at at; the plan does not begin with that",
     "nothing": "expected a PlanDraft, got NoneType",
+    "other": "expected a plan for energy, got one for lifetime",
     "idle": "without a reason",
     "broken": "ZeroDivisionError: by hand",
 }

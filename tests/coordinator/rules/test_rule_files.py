@@ -47,6 +47,7 @@ def test_a_file_is_read_and_written_and_read_again(tmp_path):
         ("above = 26.0", "above = 26.0\nfor = 8.0", "rules[0].reading: Object contains unknown field `for`"),
         ("above = 26.0", "above = 1.0\narea = {x_min_m = 2.0, y_min_m = 0.0, x_max_m = 1.0, y_max_m = 1.0}",
          "rules[0].reading.area: expected x_min_m below x_max_m"),
+        ('name = "heat"', 'name = "too hot"', "rules[0]: "),
         (READING, "", "expected either reading or event, got neither"),
         ("[rules.task]", '[rules.event]\nplugin = "p"\nevent = "e"\n[rules.task]', "either reading or event, got both"),
         ("{quantity}", "{colour}", "rule heat: task.parameters.quantity: expected one of {quantity}, {value}"),

@@ -174,6 +174,14 @@ def test_a_task_that_cannot_be_is_refused_in_words_and_not_tried_at_each_reading
     assert [(one.topic, one.key) for one in sensed.team.coordinator._wire.refusals.counts()] == [("rule", "heat")]
 
 
+def test_a_reading_without_a_place_makes_no_task_that_needs_one(begin):
+    sensed = begin(rule(), rule("fixed", task={"place_m": [5.0, 3.0]}))
+    sensed.senses(27.0, place=None)
+    assert sensed.made() == []
+    assert "does not know where it is" in sensed.status().why
+    assert len(sensed.made("fixed")) == 1
+
+
 @pytest.mark.parametrize("per", ["mote", "team"])
 def test_after_a_restart_no_task_is_made_twice(begin, per):
     one = rule(cooldown_s=0.0, max_open=10, per=per)

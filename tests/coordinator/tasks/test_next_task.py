@@ -4,7 +4,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.desk_robots import DeskRobot
@@ -65,6 +65,13 @@ def test_the_next_task_runs_as_soon_as_the_last_is_done_and_is_not_offered_again
     team.run(5.0)
     assert team.states() == {"a": DONE, "b": DONE}
     assert robot.withdrawals == []
+
+
+def test_who_asks_is_told_that_a_task_is_next(team, robot):
+    until_held(team, robot)
+    found = team.ask(TASK_EXPLAIN, TaskRequest(id="b"), TaskExplanation)
+    assert found.reason.after == "a"
+    assert team.why("b") == "it is next, after a"
 
 
 def test_nothing_is_offered_ahead_to_a_robot_that_does_not_say_when_it_ends(team, robot):

@@ -207,6 +207,7 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
     robot = team.settle()
     team.submit(visit("before"))
     team.run(0.5)
+    team.submit(visit("late"), earliest_in_s=2.0, deadline_in_s=3.0)
     journal = team.coordinator.tasks.journal
 
     def full(*_arguments):
@@ -220,12 +221,15 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
         assert "disk is full" in error.message
         robot.end(TaskState.DONE)
         team.run(5.0)
-        assert team.states() == {"before": TaskState.RUNNING}  # what is not written is not told either
+        assert team.states() == {
+            "before": TaskState.RUNNING,
+            "late": TaskState.QUEUED,
+        }  # what is not written is not told either
         assert team.history("before")[-1] is TaskState.RUNNING
         assert len([one for one in caplog.records if "disk is full" in one.getMessage()]) == 1
         assert team.summary.robots[0].up
     team.run(0.3)
-    assert team.states() == {"before": TaskState.DONE}
+    assert team.states() == {"before": TaskState.DONE, "late": TaskState.FAILED}
     assert team.submit(visit("new")).state is TaskState.QUEUED
 
 
