@@ -25,12 +25,10 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 
 made = threading.Event()
-planners = [LivePlanner(made.set), LivePlanner(made.set)]
-for planner in planners:
-    made.clear()
-    planner.ask(open_floor_snapshot(1, 200, robots=10), PlanningPolicy(deadline_s=600.0, iterations=10**9))
-    made.wait()
-print(*(planner.pid for planner in planners), flush=True)
+planner = LivePlanner(made.set)
+planner.ask(open_floor_snapshot(1, 200, robots=10), PlanningPolicy(deadline_s=600.0, iterations=10**9))
+made.wait()
+print(planner.pid, flush=True)
 threading.Event().wait()
 """
 
@@ -86,14 +84,13 @@ def test_closing_while_it_starts_leaves_no_process(made):
 
 
 @pytest.mark.slow
-def test_when_the_coordinator_is_killed_the_process_ends_though_it_be_amid_a_search_or_stopped():
+def test_when_the_coordinator_is_killed_the_process_ends_though_it_was_stopped_amid_a_search():
     parent = subprocess.Popen([sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     try:
-        searching, stopped = map(int, parent.stdout.readline().split())
-        assert not has_ended(searching)
+        stopped = int(parent.stdout.readline())
         assert not has_ended(stopped)
         os.kill(stopped, signal.SIGSTOP)
     finally:
         parent.kill()
         parent.communicate()
-    until(lambda: has_ended(searching) and has_ended(stopped))
+    until(lambda: has_ended(stopped))
