@@ -117,6 +117,18 @@ def test_a_task_that_would_not_leave_the_reserve_is_left_out_and_everybody_is_to
     assert team.history("t1") == queued  # told once
 
 
+def test_the_task_of_higher_priority_is_done_when_there_is_energy_for_one(team):
+    robot = team.robot("r1", 6.0)
+    robot.plugins = ["visit"]
+    worker = Worker(robot, remaining_j=0.1 * CAPACITY_J + 260.0)
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("near", 6.8))
+    team.submit(visit("dear", 3.4, priority=1.5))
+    run(team, [worker], 20.0)
+    assert offered(robot) == ["dear"]
+
+
 def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     tired, fresh = team.robot("r1", 6.0), team.robot("r2", 8.5)
     tired.behavior = "recharge"
