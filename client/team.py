@@ -13,7 +13,7 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import Self, Unpack, overload
 
 import msgspec
@@ -65,7 +65,6 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.endpoint import Endpoint
 
 
 class FreshIds:
@@ -120,56 +119,6 @@ def _number(kind: str, task_id: str) -> int:
 
 STREAM_CHECK_S = 1.0
 """Period of the query for missed changes, in addition to the subscription."""
-
-
-class TaskStream:
-    """Each change of some tasks, once; listens from when it is made.
-
-    Args:
-        transport: to the team.
-        wire: a new endpoint of this stream's own.
-        get: how a task stands.
-        tasks: ids; of all tasks if there are none.
-
-    """
-
-    def __init__(
-        self, transport: Transport, wire: Endpoint, get: Callable[[str], TaskRecord], tasks: Sequence[str]
-    ) -> None:
-        self._transport = transport
-        self._get = get
-        self._tasks = tasks
-        self._inbox = Inbox(4096)
-        wire.subscribe(self._inbox, TASK_EVENT)
-
-    def events(self, timeout_s: float | None) -> Iterator[TaskEvent]:
-        """The changes, beginning with how the tasks stand, until all of them have ended.
-
-        Raises:
-            TimeoutError: they have not all ended in time.
-
-        """
-        transport = self._transport
-        last: dict[str, int] = {}
-        running = set(self._tasks)
-        check_s = began_s = transport.elapsed_s()
-        while True:
-            received = [received.message for received in self._inbox.drain()]
-            events = [event for event in received if not self._tasks or event.task.id in self._tasks]
-            if transport.elapsed_s() >= check_s:
-                events += [self._get(task).event for task in sorted(running)]
-                check_s = transport.elapsed_s() + STREAM_CHECK_S
-            for event in events:
-                if event.change > last.get(event.task.id, 0):
-                    last[event.task.id] = event.change
-                    yield event
-                if event.state.ended:
-                    running.discard(event.task.id)
-            if self._tasks and not running:
-                return
-            if timeout_s is not None and transport.elapsed_s() - began_s >= timeout_s:
-                raise TimeoutError(f"not ended after {timeout_s:g} s: {', '.join(sorted(running)) or 'all tasks'}")
-            transport.pass_time(POLL_S)
 
 
 # The method `list` hides the built-in within the class.
@@ -359,9 +308,9 @@ class Team(RobotCalls):
             TimeoutError: they have not all ended in time.
 
         """
-        wire = self._listening.open()
-        stream = TaskStream(self.transport, wire, self.get, list(dict.fromkeys(map(id_of, tasks))))
-        return self._listening.until_done(wire, stream.events(timeout_s))
+        wire, inbox = self._listening.open(), Inbox(4096)
+        wire.subscribe(inbox, TASK_EVENT)
+        return self._listening.until_done(wire, self._events(inbox, set(map(id_of, tasks)), timeout_s))
 
     # -- planning ---------------------------------------------------------------------------------------------
 
@@ -499,6 +448,29 @@ class Team(RobotCalls):
         except CallError:
             return False
         return True
+
+    def _events(self, inbox: Inbox, tasks: set[str], timeout_s: float | None) -> Iterator[TaskEvent]:
+        transport = self.transport
+        last: dict[str, int] = {}
+        running = set(tasks)
+        check_s = began_s = transport.elapsed_s()
+        while True:
+            received = [received.message for received in inbox.drain()]
+            events = [event for event in received if not tasks or event.task.id in tasks]
+            if transport.elapsed_s() >= check_s:
+                events += [self.get(task).event for task in sorted(running)]
+                check_s = transport.elapsed_s() + STREAM_CHECK_S
+            for event in events:
+                if event.change > last.get(event.task.id, 0):
+                    last[event.task.id] = event.change
+                    yield event
+                if event.state.ended:
+                    running.discard(event.task.id)
+            if tasks and not running:
+                return
+            if timeout_s is not None and transport.elapsed_s() - began_s >= timeout_s:
+                raise TimeoutError(f"not ended after {timeout_s:g} s: {', '.join(sorted(running)) or 'all tasks'}")
+            transport.pass_time(POLL_S)
 
     def _readings(self, inbox: Inbox, seconds: float) -> Iterator[MoteReading]:
         ends_s = self.transport.elapsed_s() + seconds

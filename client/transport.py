@@ -4,9 +4,10 @@ import getpass
 import os
 import re
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import zenoh
 
@@ -28,54 +29,44 @@ GATHER_S = 0.5
 """A token or a first message may take this long to arrive through the hub."""
 
 
-class Transport(Protocol):
-    """Reaches one team. `LiveTransport` and `LockstepTransport` satisfy it."""
+class Transport(ABC):
+    """Reaches one team: `LiveTransport` and `LockstepTransport`."""
 
-    @property
-    def session(self) -> zenoh.Session:
-        """The Zenoh session of the client."""
+    session: zenoh.Session
+    """The Zenoh session of the client."""
+    team: str
+    """Name of the team."""
+    clock: Clock
+    """The clock that stamps messages."""
+    drive: Drive
+    """Whether time is real or virtual."""
+    party = EVERYWHERE
+    """Party whose radio the client uses, where a lockstep run simulates radios; see `Endpoint`."""
+    patience_s = 0.0
+    """How long queries to an absent coordinator are repeated; 0 where it cannot be absent."""
+    gather_s = 0.0
+    """How long to wait for robots to be discovered; 0 where all are known at once."""
 
-    @property
-    def team(self) -> str:
-        """Name of the team."""
-
-    @property
-    def clock(self) -> Clock:
-        """The clock that stamps messages."""
-
-    @property
-    def drive(self) -> Drive:
-        """Whether time is real or virtual."""
-
-    @property
-    def party(self) -> str:
-        """Party whose radio the client uses, where a lockstep run simulates radios; see `Endpoint`."""
-
-    @property
-    def patience_s(self) -> float:
-        """How long queries to an absent coordinator are repeated; 0 where it cannot be absent."""
-
-    @property
-    def gather_s(self) -> float:
-        """How long to wait for robots to be discovered; 0 where all are known at once."""
-
+    @abstractmethod
     def elapsed_s(self) -> float:
         """Seconds since the client began; never goes back."""
 
+    @abstractmethod
     def pass_time(self, seconds: float) -> None:
         """Let that much time pass; in lockstep a whole number of ticks, at least one."""
 
-    def open_folder(self, robot: str, folder: Path) -> None:
+    def open_folder(self, robot: str, folder: Path) -> None:  # noqa: B027 - optional
         """Let a robot that runs in this process load plugins from a folder; others have that in their own file."""
 
-    def record_query(self, key: str, request: bytes) -> None:
+    def record_query(self, key: str, request: bytes) -> None:  # noqa: B027 - optional
         """Called with each query that may change a run; in lockstep it is recorded, so that the run is repeatable."""
 
+    @abstractmethod
     def close(self) -> None:
         """Leave the team; in lockstep, end the run. May be called again."""
 
 
-class LiveTransport:
+class LiveTransport(Transport):
     """A client session at a team's hub.
 
     Args:
@@ -91,7 +82,6 @@ class LiveTransport:
     """
 
     drive = Drive.LIVE
-    party = EVERYWHERE
     gather_s = GATHER_S
 
     def __init__(self, connect: str | None = None, *, team: str = DEFAULT_TEAM, patience_s: float = PATIENCE_S) -> None:
@@ -108,12 +98,6 @@ class LiveTransport:
     def pass_time(self, seconds: float) -> None:
         """Sleep."""
         time.sleep(seconds)
-
-    def open_folder(self, robot: str, folder: Path) -> None:
-        """Does nothing: `loadable` in the robot's own file lists the permitted places."""
-
-    def record_query(self, key: str, request: bytes) -> None:
-        """Does nothing: requests to a live team are not repeated."""
 
     def close(self) -> None:
         """Close the session."""
@@ -183,10 +167,8 @@ class Listening:
 
     def open(self) -> Endpoint:
         """A new endpoint of the team."""
-        transport = self._transport
-        wire = _RecordedEndpoint(transport)
-        self._open.append(wire)
-        return wire
+        self._open.append(_RecordedEndpoint(self._transport))
+        return self._open[-1]
 
     def until_done(self, wire: Endpoint, items: Iterator[T]) -> Iterator[T]:
         """The items, after which the endpoint is closed."""

@@ -229,10 +229,7 @@ def restore_backup(backup: Path, journal: Path) -> Restored:
         report = list(opened.opening_report)
         database = opened.database
         if database.execute("SELECT 1 FROM task LIMIT 1").fetchone() is not None:
-            try:
-                report.append(put_aside(database, journal))
-            except sqlite3.OperationalError as error:
-                raise JournalUnwritable(journal, f"cannot be put aside: {error}") from error
+            report.append(put_aside(database, journal))
         (ceiling,) = database.execute("SELECT ceiling FROM epoch").fetchone()
         source.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (ceiling,))
         source.execute("UPDATE copy SET state = ''")
@@ -261,11 +258,10 @@ def _in_memory(backup: Path) -> sqlite3.Connection:
         with closing(sqlite3.connect(f"{backup.absolute().as_uri()}?mode=ro", uri=True)) as file:
             file.backup(memory)
         migrate(memory, backup)
-    except sqlite3.Error as error:
+    except BaseException as error:
         memory.close()
-        raise BadBackup(backup, str(error)) from error
-    except BaseException:
-        memory.close()
+        if isinstance(error, sqlite3.Error):
+            raise BadBackup(backup, str(error)) from error
         raise
     return memory
 

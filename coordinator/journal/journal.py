@@ -127,8 +127,7 @@ class Journal:
             sqlite3.IntegrityError: there is a task of that id.
 
         """
-        if self._disk is not None and self._disk.has_failed:
-            self._put_all_on_disk(self._disk)
+        self._mend_disk()
         with self._transaction():
             self._db.execute(
                 "INSERT INTO task (id, state, robot, record, kind, own, asked) VALUES (?, ?, ?, '', ?, ?, ?)",
@@ -257,12 +256,11 @@ class Journal:
         if self._disk is None:
             on_synced(None)
             return
-        if self._disk.has_failed:
-            try:
-                self._put_all_on_disk(self._disk)
-            except JournalUnwritable as error:
-                on_synced(error)
-                return
+        try:
+            self._mend_disk()
+        except JournalUnwritable as error:
+            on_synced(error)
+            return
 
         def synced(error: OSError | None) -> None:
             on_synced(None if error is None else JournalUnwritable(self.path, f"cannot be put on the disk: {error}"))
@@ -320,11 +318,7 @@ class Journal:
 
     def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
         """Whether this task was ever offered to that robot with that epoch."""
-        found = self._db.execute(
-            "SELECT 1 FROM change WHERE task = ? AND robot = ? AND epoch = ? AND state = ?",
-            (task_id, robot, epoch, TaskState.OFFERED),
-        ).fetchone()
-        return found is not None
+        return self.when_offered(task_id, robot, epoch) > 0
 
     def when_offered(self, task_id: str, robot: str, epoch: int) -> int:
         """Number of the change with which a task was offered to a robot with that epoch; 0 if it never was."""
@@ -411,10 +405,7 @@ class Journal:
         """
         has_tasks = self._db.execute("SELECT 1 FROM task LIMIT 1").fetchone() is not None
         if self.path is not None and has_tasks and self.copied != "partial":
-            try:
-                self.opening_report.append(put_aside(self._db, self.path))
-            except sqlite3.OperationalError as error:
-                raise JournalUnwritable(self.path, f"cannot be put aside: {error}") from error
+            self.opening_report.append(put_aside(self._db, self.path))
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
             self._db.execute("UPDATE standing SET name = '', robots = '{}'")
@@ -434,8 +425,7 @@ class Journal:
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
         """Write all later changes of the copied journal, all or nothing (JournalUnwritable)."""
-        if self._disk is not None and self._disk.has_failed:
-            self._put_all_on_disk(self._disk)
+        self._mend_disk()
         with self._transaction():
             for entry in entries:
                 self._put_entry(entry)
@@ -521,14 +511,16 @@ class Journal:
             self._roll_back()
             raise
 
-    def _put_all_on_disk(self, disk: DiskSync) -> None:
-        """Write all changes to the main file, because after a failed sync the contents of the other one are unknown."""
+    def _mend_disk(self) -> None:
+        """After a failed sync, write all changes to the main file: the contents of the other one are unknown."""
+        if self._disk is None or not self._disk.has_failed:
+            return
         try:
             self._db.execute("PRAGMA synchronous = FULL")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
         except sqlite3.OperationalError as error:
             raise JournalUnwritable(self.path, f"cannot be put on the disk: {error}") from error
-        disk.has_failed = False
+        self._disk.has_failed = False
 
     def _roll_back(self) -> None:
         if self._db.in_transaction:

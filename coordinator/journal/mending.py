@@ -35,25 +35,18 @@ def read_record(text: str) -> tuple[TaskRecord, str]:
     except msgspec.ValidationError:
         pass
     whole = upgraded(msgspec.json.decode(text))
-    try:
-        return msgspec.convert(whole, TaskRecord), ""
-    except msgspec.ValidationError as error:
-        problem, last = str(error), error
-    if isinstance(whole, dict) and whole.get("reason") is not None and not _is_reason(whole["reason"]):
+    if isinstance(whole, dict) and not _is_reason(whole.get("reason")):
         del whole["reason"]
-        try:
-            return msgspec.convert(whole, TaskRecord), ""
-        except msgspec.ValidationError as error:
-            problem, last = str(error), error
+    problem = ""
     for _ in range(FIELDS_MAX):
-        found = _PATH.search(str(last))
-        if found is None or "required" in str(last) or not _drop(whole, found[1].split(".")):
-            break
         try:
             return msgspec.convert(whole, TaskRecord), problem
         except msgspec.ValidationError as error:
-            last = error
-    raise last
+            problem = problem or str(error)
+            found = _PATH.search(str(error))
+            if found is None or "required" in str(error) or not _drop(whole, found[1].split(".")):
+                raise
+    return msgspec.convert(whole, TaskRecord), problem
 
 
 def read_reason(text: str) -> TaskReason | None:
@@ -66,7 +59,7 @@ def read_reason(text: str) -> TaskReason | None:
 
 def _is_reason(value: Any) -> bool:
     try:
-        msgspec.convert(value, TaskReason)
+        msgspec.convert(value, TaskReason | None)
     except msgspec.ValidationError:
         return False
     return True

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from robrain.coordinator.journal.errors import JournalError
+from robrain.coordinator.journal.errors import JournalError, JournalUnwritable
 from robrain.coordinator.journal.schema import CHANGE_COLUMNS, PUT_ALARM, PUT_CHANGE, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.old_form import upgraded_json
@@ -247,11 +247,14 @@ def write_new_journal(salvaged: Salvaged, path: Path) -> None:
 
 
 def put_aside(database: sqlite3.Connection, path: Path) -> str:
-    """Write the contents of a journal to `FILE.before-N` beside it, and report it (sqlite3.OperationalError)."""
+    """Write the contents of a journal to `FILE.before-N` beside it, and report it (JournalUnwritable)."""
     number = 1
     while (aside := path.with_name(f"{path.name}.before-{number}")).exists():
         number += 1
-    database.execute("VACUUM INTO ?", (str(aside),))
-    with closing(sqlite3.connect(aside)) as copy, copy:
-        copy.execute("UPDATE standing SET name = ''")
+    try:
+        database.execute("VACUUM INTO ?", (str(aside),))
+        with closing(sqlite3.connect(aside)) as copy, copy:
+            copy.execute("UPDATE standing SET name = ''")
+    except sqlite3.OperationalError as error:
+        raise JournalUnwritable(path, f"cannot be put aside: {error}") from error
     return f"{path}: its tasks were put aside as {aside}"

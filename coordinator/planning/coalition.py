@@ -156,8 +156,7 @@ class Coalitions:
     def _call_off(self, task_id: str, reason: TaskReason | None) -> None:
         group = self._groups.pop(task_id)
         for part in (*group.gathering, *group.doing):
-            found = self._book.find(part)
-            if found is not None and not found.state.ended:
+            if self._book.is_open(part):
                 self._book.move(part, TaskState.CANCELLED, reason)
 
     # -- parts ----------------------------------------------------------------------------------------------

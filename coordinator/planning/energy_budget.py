@@ -55,15 +55,10 @@ class Means(NamedTuple):
 def profile_of(model: EnergyModel | None, time_margin: float) -> Profile:
     """Path costs of a robot. A mean is affine in the length, so two lengths determine it."""
     if model is None:
-        return _slower(UNKNOWN, time_margin)
+        return Profile(UNKNOWN.start_j, UNKNOWN.j_per_m, time_margin * UNKNOWN.s_per_m)
     one, two = (estimate(model, Work(path_m=length_m)).mean_j for length_m in (10.0, 20.0))
     j_per_m = max((two - one) / 10.0, 1e-3)
     return Profile(max(0.0, one - 10.0 * j_per_m), j_per_m, time_margin / max(model.pace_m_s, 1e-3))
-
-
-def _slower(profile: Profile, time_margin: float) -> Profile:
-    """The same profile, slower."""
-    return Profile(profile.start_j, profile.j_per_m, time_margin * profile.s_per_m)
 
 
 def means_of(state: RobotState, waits_s: float, policy: PlanningPolicy) -> Means:

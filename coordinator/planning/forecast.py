@@ -128,7 +128,7 @@ class Forecast:
         self._learn()
         for steps in plan.steps.values() if plan is not None else ():
             self._steps |= {step.task: step for step in steps if not step.has_begun}
-        self._steps = {task: step for task, step in self._steps.items() if self._is_open(task)}
+        self._steps = {task: step for task, step in self._steps.items() if self._book.is_open(task)}
         self.times = self.times_of(plan, self._book.open, now_ns)
         for task, times in self.times.items():
             self._estimated.setdefault((task, times.stage), (now_ns, times))
@@ -176,7 +176,8 @@ class Forecast:
         if not remaining_s < math.inf:
             if step is None:
                 return None
-            remaining_s = max(0.0, self._whole_s(step) - to_seconds(now_ns - record.changed_ns))
+            whole_s = self._travel_s(step) + step.service_s - HANDLING_S
+            remaining_s = max(0.0, whole_s - to_seconds(now_ns - record.changed_ns))
         service_s = 0.0 if step is None else step.service_s - HANDLING_S
         end_ns = now_ns + to_ns(remaining_s)
         arrive_ns = end_ns - to_ns(service_s)
@@ -215,13 +216,12 @@ class Forecast:
     def _travel_s(self, step: PlannedStep) -> float:
         return self._travel_ratio * (step.travel_s / self.time_margin + HANDLING_S)
 
-    def _whole_s(self, step: PlannedStep) -> float:
-        return self._travel_s(step) + step.service_s - HANDLING_S
-
     def _learn(self) -> None:
         """Compare the estimates of tasks that have ended with what they took."""
         has_learned = False
-        for task in [name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._is_open(name)]:
+        for task in [
+            name for name in dict.fromkeys(name for name, _ in self._estimated) if not self._book.is_open(name)
+        ]:
             estimates = [self._estimated.pop((task, stage), None) for stage in (BEGUN, NEXT, LATER)]
             record, step = self._book.find(task), self._steps.pop(task, None)
             if record is None or record.state is not TaskState.DONE:
@@ -241,10 +241,6 @@ class Forecast:
         if has_learned:
             self._travel_ratio, self._energy_ratio = median(self._travel_ratios), median(self._energy_ratios)
             self._intervals = _intervals(self._ratios)
-
-    def _is_open(self, task: str) -> bool:
-        record = self._book.find(task)
-        return record is not None and not record.state.ended
 
 
 def _judged(times: TaskTimes, task: Task) -> TaskTimes:

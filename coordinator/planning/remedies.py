@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 from scipy.ndimage import label
 
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
@@ -54,14 +54,14 @@ def variants(snapshot: Snapshot, task: str, absent: Mapping[str, PlanningRobot])
         if battery is not None and pose is not None and battery.soc < FULL_SOC:
             full = when_charged(member.state, AfterCharge(0, Point2D(pose.x_m, pose.y_m), 1.0))
             members = snapshot.members | {name: member._replace(state=full)}
-            yield Variant(Remedy(kind=RemedyKind.BATTERY, name=name), _replaced(snapshot, members=members))
+            yield Variant(Remedy(kind=RemedyKind.BATTERY, name=name), replace(snapshot, members=members))
     for name, member in sorted(absent.items(), key=lambda one: _away_m(one[1], place))[:ROBOTS_MAX]:
         members = snapshot.members | {name: member}
-        yield Variant(Remedy(kind=RemedyKind.ROBOT, name=name), _replaced(snapshot, members=members))
+        yield Variant(Remedy(kind=RemedyKind.ROBOT, name=name), replace(snapshot, members=members))
     others = sorted((one for one in snapshot.records if one.task.id != task), key=urgency)[:TASKS_MAX]
     for other in others:
         records = tuple(one for one in snapshot.records if one is not other)
-        yield Variant(Remedy(kind=RemedyKind.TASK, name=other.task.id), _replaced(snapshot, records=records))
+        yield Variant(Remedy(kind=RemedyKind.TASK, name=other.task.id), replace(snapshot, records=records))
 
 
 def cut_off(snapshot: Snapshot, task: str) -> list[str]:
@@ -98,10 +98,6 @@ def _away_m(member: PlanningRobot, place: Point2D) -> float:
     return math.inf if pose is None else pose.distance_m(place)
 
 
-def _replaced(snapshot: Snapshot, **fields: object) -> Snapshot:
-    return msgspec.structs.replace(snapshot, **fields)
-
-
 def _with_open_path(snapshot: Snapshot, place: Point2D) -> Variant | None:
     """The floor with the barrier removed that separates a place from the nearest robot; None without a barrier."""
     floor, poses = snapshot.floor, [member.state.pose for member in snapshot.members.values()]
@@ -126,4 +122,4 @@ def _with_open_path(snapshot: Snapshot, place: Point2D) -> Variant | None:
         classes[(rows - row) ** 2 + (columns - column) ** 2 <= reach**2] = FREE
     middle = geometry.center_of(*(int(part) for part in barrier[len(barrier) // 2]))
     remedy = Remedy(kind=RemedyKind.PATH, place=Point2D(round(middle.x_m, 1), round(middle.y_m, 1)))
-    return Variant(remedy, _replaced(snapshot, floor=floor._replace(classes=classes, version=-1)))
+    return Variant(remedy, replace(snapshot, floor=floor._replace(classes=classes, version=-1)))

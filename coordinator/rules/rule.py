@@ -93,25 +93,10 @@ def _word(value: Any) -> str:
 RULES_MAX = 256
 BY = "rule:"
 """The requester of a rule's task is this and the rule's name."""
-OF_READING: Values = {
-    "quantity": "temperature_c",
-    "value": 1.0,
-    "mote": "m1",
-    "robot": "r1",
-    "x_m": 0.0,
-    "y_m": 0.0,
-    "place": {"x_m": 0.0, "y_m": 0.0},
-}
+_OF_PLACE: Values = {"x_m": 0.0, "y_m": 0.0, "place": {"x_m": 0.0, "y_m": 0.0}}
+OF_READING: Values = {"quantity": "temperature_c", "value": 1.0, "mote": "m1", "robot": "r1", **_OF_PLACE}
 """Values of a reading that may fill parameters, with an example of each. `robot` is the one that received it."""
-OF_EVENT: Values = {
-    "robot": "r1",
-    "plugin": "monitor",
-    "event": "changed",
-    "value": 1.0,
-    "x_m": 0.0,
-    "y_m": 0.0,
-    "place": {"x_m": 0.0, "y_m": 0.0},
-}
+OF_EVENT: Values = {"robot": "r1", "plugin": "monitor", "event": "changed", "value": 1.0, **_OF_PLACE}
 """From an event. `value` is the event's, or the field of it that the rule names; the place is the robot's."""
 
 Selected = Annotated[tuple[Name, ...], Meta(max_length=1000)]
@@ -336,7 +321,8 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         except BadName as error:
             raise ValueError(str(error)) from error
         if (self.reading is None) == (self.event is None):
-            raise ValueError(f"rule {self.name}: expected either reading or event, got {self._given}")
+            given = "neither" if self.reading is None else "both"
+            raise ValueError(f"rule {self.name}: expected either reading or event, got {given}")
         try:
             self.task.check(OF_READING if self.event is None else OF_EVENT)
         except ValueError as error:
@@ -346,10 +332,6 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def by(self) -> str:
         """Requester of its tasks."""
         return f"{BY}{self.name}"
-
-    @property
-    def _given(self) -> str:
-        return "neither" if self.reading is None else "both"
 
 
 def check_rules(rules: Iterable[Rule]) -> None:

@@ -96,7 +96,7 @@ class TaskRules(CoordinatorPart):
 
     def status(self) -> list[RuleStatus]:
         """Each rule and its actions, in the order of the file."""
-        return [rule_state.status(self._is_open) for rule_state in self._states]
+        return [rule_state.status(self._book.is_open) for rule_state in self._states]
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
@@ -225,7 +225,7 @@ class TaskRules(CoordinatorPart):
         rule_state.alarms[alarm.source] = armed
 
     def _make(self, rule_state: RuleState, cause: TaskCause) -> None:
-        if not rule_state.may_make(self._now_ns, self._is_open):
+        if not rule_state.may_make(self._now_ns, self._book.is_open):
             return
         rule, now_ns = rule_state.rule, self._now_ns
         is_armed = rule.event is not None  # an event is over at once: the next one counts again
@@ -259,10 +259,6 @@ class TaskRules(CoordinatorPart):
             needs=order.needs,
             parameters={name: fill(parameter, cause.values) for name, parameter in order.parameters.items()},
         )
-
-    def _is_open(self, task: str) -> bool:
-        record = self._book.find(task)
-        return record is not None and not record.state.ended
 
 
 def _place_values(place: Point2D | None) -> dict[str, Any]:

@@ -5,7 +5,8 @@ recovers, its token and states arrive before its queryables. Without a pause the
 offer at once.
 """
 
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol, TypeVar
 
 from robrain.coordinator.tasks.admission import capability_refusal, needed_plugins
 from robrain.coordinator.tasks.task_book import TaskBook
@@ -61,19 +62,28 @@ REPORTED_MAX = 8
 NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 
-class _Avoided(NamedTuple):
+class _Pause(NamedTuple):
     until_ns: int
-    refusals: int
-    """With passing ones."""
     times: int
+    """Number of pauses in a row."""
     reason: RobotReason
+    final_times: int = 0
+    """Refusals that count towards the robot's final answer."""
+
+
+K = TypeVar("K")
+
+
+def _reason(pauses: Mapping[K, _Pause], key: K, now_ns: int) -> RobotReason | None:
+    pause = pauses.get(key)
+    return pause.reason if pause is not None and now_ns < pause.until_ns else None
 
 
 class TaskPauses:
     """Remembers refusals and failures for each task and robot; drops the oldest beyond a limit."""
 
     def __init__(self) -> None:
-        self._avoided: dict[tuple[str, str], _Avoided] = {}
+        self._avoided: dict[tuple[str, str], _Pause] = {}
         self.robots = RobotPauses()
         """Robots that are offered nothing for a while, or none of the coordinator's own tasks."""
 
@@ -95,24 +105,21 @@ class TaskPauses:
 
         """
         before = self._avoided.pop((task_id, robot), None)
-        refusals = 1 if before is None else before.refusals + 1
+        times = 1 if before is None else before.times + 1
         if isinstance(reason, OutOfReach):
-            refusals = max(refusals, LONGEST_AFTER)
+            times = max(times, LONGEST_AFTER)
         is_passing = isinstance(reason, Refused) and (
             isinstance(reason.because, PASSING) or _is_enough_once_charged(reason.because, battery)
         )
-        times = (0 if before is None else before.times) + (not is_passing)
-        pause_s = backoff_s(refusals, FIRST_PAUSE_S, LONGEST_PAUSE_S)
-        self._avoided[task_id, robot] = _Avoided(now_ns + to_ns(pause_s), refusals, times, reason)
+        final_times = (0 if before is None else before.final_times) + (not is_passing)
+        pause_s = backoff_s(times, FIRST_PAUSE_S, LONGEST_PAUSE_S)
+        self._avoided[task_id, robot] = _Pause(now_ns + to_ns(pause_s), times, reason, final_times)
         if len(self._avoided) > KEPT:
             del self._avoided[next(iter(self._avoided))]
 
     def pause_reason(self, task_id: str, robot: str, now_ns: int) -> RobotReason | None:
         """Why a robot must not be offered a task now; None if it may."""
-        avoided = self._avoided.get((task_id, robot))
-        if avoided is not None and now_ns < avoided.until_ns:
-            return avoided.reason
-        return self.robots.backoff_reason(robot, now_ns)
+        return _reason(self._avoided, (task_id, robot), now_ns) or self.robots.backoff_reason(robot, now_ns)
 
     def pauses(self, now_ns: int) -> dict[tuple[str, str], RobotReason]:
         """Which task must not be offered to which robot now, and why."""
@@ -121,7 +128,7 @@ class TaskPauses:
     def last_word(self, task_id: str, robot: str) -> RobotReason | None:
         """The answer of a robot that is not asked again; None if it may be."""
         avoided = self._avoided.get((task_id, robot))
-        return avoided.reason if avoided is not None and avoided.times >= REFUSALS_MAX else None
+        return avoided.reason if avoided is not None and avoided.final_times >= REFUSALS_MAX else None
 
 
 def _is_enough_once_charged(refusal: OfferRefusal, battery: BatteryState | None) -> bool:
@@ -129,12 +136,6 @@ def _is_enough_once_charged(refusal: OfferRefusal, battery: BatteryState | None)
     if battery is None or not isinstance(refusal, NeedsEnergy) or battery.soc >= CHARGED_SOC:
         return False
     return refusal.needed_j * battery.soc <= battery.remaining_j
-
-
-class _Pause(NamedTuple):
-    until_ns: int
-    times: int
-    reason: RobotReason
 
 
 class RobotPauses:
@@ -151,7 +152,6 @@ class RobotPauses:
 
     def refused(self, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """Record that a robot refused one of the coordinator's own tasks."""
-        self._unreached.pop(robot, None)
         self._refusals[robot] = self._refusals.get(robot, 0) + 1
         if self._refusals[robot] > REFUSALS_FREE:
             times = self._refusals[robot]
@@ -159,7 +159,7 @@ class RobotPauses:
             _lengthen(self._tired, robot, reason, now_ns)
 
     def answered(self, robot: str) -> None:
-        """Record that a robot refused a submitted task: it can be reached."""
+        """Record that a robot refused a task: it can be reached."""
         self._unreached.pop(robot, None)
 
     def accepted(self, robot: str) -> None:
@@ -181,11 +181,6 @@ def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns
     times = 1 if before is None else before.times + 1
     pause_s = backoff_s(times, FIRST_ROBOT_PAUSE_S, LONGEST_ROBOT_PAUSE_S)
     pauses[robot] = _Pause(now_ns + to_ns(pause_s), times, reason)
-
-
-def _reason(pauses: dict[str, _Pause], robot: str, now_ns: int) -> RobotReason | None:
-    pause = pauses.get(robot)
-    return pause.reason if pause is not None and now_ns < pause.until_ns else None
 
 
 class TaskGate(Protocol):

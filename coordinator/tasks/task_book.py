@@ -89,6 +89,10 @@ class TaskBook:
             self._keep(record)
         return record
 
+    def is_open(self, task_id: str) -> bool:
+        """Whether a task is known and has not ended."""
+        return task_id in self._open
+
     def of_robot(self, robot: str) -> TaskRecord | None:
         """The task that a robot is doing, or was asked to begin."""
         bound = self._of_robot.get(robot)

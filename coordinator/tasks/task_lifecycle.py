@@ -90,19 +90,17 @@ class Offers:
 
     Args:
         wire: the coordinator's Zenoh endpoint.
-        lease_s: silence of the coordinator after which a robot releases its task.
 
     """
 
-    def __init__(self, wire: Endpoint, lease_s: float) -> None:
+    def __init__(self, wire: Endpoint) -> None:
         self._wire = wire
-        self._lease_s = lease_s
         self._asked: list[_PendingOffer] = []
         self._withdrawn: list[_Withdrawn] = []
 
     def offer(self, record: TaskRecord, after: str) -> None:
         """Offer a record's task to its robot, to begin now or after its running task `after`."""
-        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=self._lease_s, after=after)
+        offer = TaskOffer(task=record.task, epoch=record.epoch, lease_s=LEASE_S, after=after)
         reply = self._wire.ask_later(ROBOT_OFFER, offer, robot=record.robot, timeout_s=ASK_TIMEOUT_S)
         self._asked.append(_PendingOffer(record, after, reply))
 
@@ -164,7 +162,7 @@ class TaskLifecycle:
         self.wire, self.book, self.roster, self.capabilities = wire, book, roster, capabilities
         self.backoff = TaskPauses()
         self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate)
-        self._offers = Offers(wire, LEASE_S)
+        self._offers = Offers(wire)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
         self._since_ns = self._begun_ns = wire.clock.now_ns()
@@ -238,10 +236,9 @@ class TaskLifecycle:
         self.book.give_back(task_id, RobotOut(robot, Refused(refusal)))
         if isinstance(answer.epoch, int) and self._catch_up(robot, answer.epoch, now_ns):
             return True  # the epoch was refused, not the task
+        pauses.answered(robot)
         if record.own:
             pauses.refused(robot, refusal, now_ns)
-        else:
-            pauses.answered(robot)
         if not after:  # tasks refused for the present are offered again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:

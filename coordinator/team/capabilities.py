@@ -1,7 +1,7 @@
 """Abilities of the robots: plugins and kinds of tasks of each, as their hosts report them."""
 
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import msgspec
 
@@ -9,7 +9,7 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.message import JsonSchema
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, TaskKind
 from robrain.protocol.messages.tasks.task_messages import KnownKind
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -70,12 +70,14 @@ class Capabilities:
             self._wire.ask_into(self._inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot=name)
         for received in self._inbox.drain():
             self._waiting.discard(received.names["robot"])
-            name, kinds = received.names["robot"], _kinds_in(received.message)
-            plugins = frozenset((*(info.name for info in received.message), *kinds))
+            name, infos = received.names["robot"], received.message
+            kinds = {info.task_kind.kind: info.task_kind for info in infos if info.task_kind is not None}
+            plugins = frozenset((*(info.name for info in infos), *kinds))
             if self.plugins.get(name) != plugins or self.kinds.get(name) != kinds:
                 has_changed = True
                 self.plugins[name], self.kinds[name] = plugins, kinds
-                self._announcements[name] = {kind: _number_of(one) for kind, one in kinds.items()}
+                encoded = {kind: msgspec.json.encode(one, order="deterministic") for kind, one in kinds.items()}
+                self._announcements[name] = {kind: zlib.crc32(one) for kind, one in encoded.items()}
                 self.version += 1
         return has_changed
 
@@ -105,11 +107,3 @@ class Capabilities:
     def came(self, robot: str) -> None:
         """A robot came, maybe with other plugins than before: it is asked again."""
         self._asked_ns.pop(robot, None)
-
-
-def _kinds_in(plugins: Sequence[PluginInfo]) -> dict[str, TaskKind]:
-    return {info.task_kind.kind: info.task_kind for info in plugins if info.task_kind is not None}
-
-
-def _number_of(kind: TaskKind) -> int:
-    return zlib.crc32(msgspec.json.encode(kind, order="deterministic"))

@@ -17,6 +17,7 @@ from robrain.agent.consensus.witness import WitnessExtension, WitnessInMemory
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.plugin_folders import entry_point_places
 from robrain.agent.plugin import PluginState
+from robrain.client.transport import Transport
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -423,7 +424,7 @@ def _radio(world: World, links: LinkSpec, faults: WireFaults) -> TeamRadio:
     return TeamRadio(links, world.plan, names, starts_m.reshape(-1, 2), world.seed, fixed, faults)
 
 
-class LockstepTransport:
+class LockstepTransport(Transport):
     """Talks to the team of a lockstep run. Equal seeds and equal calls give equal runs.
 
     Args:
@@ -436,8 +437,6 @@ class LockstepTransport:
 
     drive = Drive.LOCKSTEP
     team = DEFAULT_TEAM
-    patience_s = 0.0
-    gather_s = 0.0
 
     def __init__(self, run: LockstepRun, *, is_recorded: bool = True, party: str = EVERYWHERE) -> None:
         self._is_recorded = is_recorded

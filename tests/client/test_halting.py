@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pytest
 import zenoh
 
 from robrain import NobodyThere, Team
+from robrain.client.transport import Transport
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
@@ -18,16 +18,13 @@ from robrain.protocol.wire.session import open_lockstep_session
 
 
 @dataclass
-class ScriptedTransport:
+class ScriptedTransport(Transport):
     """Time passes only when it is waited for; robots then say what the test has them say."""
 
     session: zenoh.Session
     said: list[RobotState] = field(default_factory=list)
     drive = Drive.LOCKSTEP
     team = "default"
-    party = ""
-    patience_s = 0.0
-    gather_s = 0.0
 
     def __post_init__(self) -> None:
         self.clock = VirtualClock()
@@ -43,12 +40,6 @@ class ScriptedTransport:
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
         for state in self.said:
             self._states[state.robot].put(state)
-
-    def open_folder(self, robot: str, folder: Path) -> None:
-        raise AssertionError("nothing is loaded here")
-
-    def record_query(self, key: str, request: bytes) -> None:
-        pass
 
     def close(self) -> None:
         self.wire.close()

@@ -1,7 +1,5 @@
 """The coordinator hands out frontiers, merges maps and tells how the team stands."""
 
-import itertools
-import logging
 from types import NoneType
 
 import numpy as np
@@ -12,17 +10,14 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.plan_executor import OFFERS_MAX
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
-from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.reasons import Gone
 from robrain.protocol.refusals import RefusalCode
-from robrain.protocol.wire.endpoint import Drive, Endpoint
 from tests.coordinator.conftest import TICK_S, Team
 from tests.plain_reason import Plain
 
@@ -95,39 +90,6 @@ def test_each_idle_robot_is_handed_a_frontier_of_its_own(team):
     )
 
 
-def test_a_robot_that_is_done_gets_the_next_frontier_at_once(team):
-    robot = team.explore()
-    robot.end(TaskState.DONE)
-    team.run(0.1)
-    assert team.history(robot.offers[0].task.id)[-1] is TaskState.DONE
-    assert len(robot.offers) == 2
-    assert robot.offers[1].epoch > robot.offers[0].epoch
-    team.run(1.0)
-    summary = team.summary
-    assert (summary.tasks_done, summary.tasks_open) == (1, 1)
-
-
-def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(team):
-    robot = team.robot("r1", 5.8)
-    team.corridor()
-    team.run(1.0)
-    robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
-    team.run(0.5)
-    (gap,) = team.coordinator.part(Exploration).explorer._narrow.gaps
-    assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
-
-
-def test_a_halted_robot_is_offered_nothing(team):
-    robot = team.robot("r1")
-    robot.halted = True
-    team.hall()
-    team.run(2.0)
-    assert robot.offers == []
-    robot.halted = False
-    team.run(1.0)
-    assert len(robot.offers) == 1
-
-
 def test_a_refused_place_is_offered_to_another_and_not_again_for_a_while(team):
     robot = team.robot("r1")
     robot.accepts = False
@@ -161,21 +123,6 @@ def test_a_place_where_a_robot_failed_is_shunned_by_it_for_fifteen_seconds(team)
     robot.end(TaskState.DONE)
     team.run(1.0)
     assert robot.goal == west
-
-
-def test_a_robot_that_nobody_answers_for_costs_its_task_only(team, caplog):
-    robot = team.robot("r1")
-    deaf = team.robot("r2", 5.0)
-    deaf.leave()
-    deaf.wire = Endpoint(team.session, "default", team.clock, Drive.LOCKSTEP)
-    deaf._states = deaf.wire.publisher(ROBOT_STATE, robot="r2")
-    deaf.wire.token(ROBOT_ALIVE, robot="r2")
-    team.hall()
-    team.run(1.0)
-    assert len(robot.offers) == 1
-    refused = [event for event in team.heard if event.robot == "r2" and event.state is TaskState.CANCELLED]
-    assert refused
-    assert "nobody answers" in refused[0].why
 
 
 def test_robot_that_has_gone_is_listed_with_its_task_until_it_is_removed(team):
@@ -238,6 +185,16 @@ def test_restarted_coordinator_lists_robots_that_have_gone(team, tmp_path):
     journal.close()
 
 
+def test_a_gap_that_a_robot_does_not_fit_through_is_remembered_where_it_stands(team):
+    robot = team.robot("r1", 5.8)
+    team.corridor()
+    team.run(1.0)
+    robot.end(TaskState.FAILED, "the path has been too narrow", gap_m=0.36)
+    team.run(0.5)
+    (gap,) = team.coordinator.part(Exploration).explorer._narrow.gaps
+    assert (gap.place, gap.gap_m) == (Point2D(robot.pose.x_m, robot.pose.y_m), 0.36)
+
+
 # -- the map --------------------------------------------------------------------------------------------------
 
 
@@ -248,23 +205,6 @@ def test_a_coordinator_that_comes_late_asks_for_the_whole_map(team):
     team.run(1.0)
     assert team.coordinator.team_map.known_area_m2 == pytest.approx(16.0)
     assert len(robot.offers) == 1
-
-
-def test_patches_on_another_grid_are_refused_with_one_line_in_the_log(team, caplog):
-    team.robot("r1")
-    stranger = team.robot("r2", 5.0)
-    team.hall()
-    team.run(0.5)
-    version = team.coordinator.team_map.version
-    for _ in range(5):
-        cells = PatchCells(0, 0, np.full((5, 5), FREE, np.int8), 900)
-        stranger.say_map(GridGeometry(0.05, 0.0, 0.0, 50, 50), cells)
-        team.run(0.2)
-    refused = [record for record in caplog.records if record.levelno >= logging.WARNING]
-    (line,) = (record.getMessage() for record in refused)
-    assert "the map of r2 cannot be merged" in line
-    assert team.coordinator.team_map.version == version
-    assert team.coordinator.team_map.grid.geometry.resolution_m == 0.1
 
 
 def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
@@ -285,31 +225,6 @@ def test_a_patch_that_waited_and_does_not_fit_is_counted_as_refused(team):
 # -- telling --------------------------------------------------------------------------------------------------
 
 
-def test_the_summary_says_who_is_there_and_what_is_known(team):
-    team.robot("r1")
-    silent = team.robot("r2", 5.0)
-    silent.speaks = False
-    team.hall()
-    team.run(2.0)
-    summary = team.summary
-    assert [(robot.name, robot.up) for robot in summary.robots] == [("r1", True), ("r2", False)]
-    assert summary.robots[1].why == "no state received yet"
-    assert summary.known_area_m2 == pytest.approx(16.0)
-    assert summary.frontiers
-    assert (summary.tasks_open, summary.tasks_done, summary.all_explored) == (1, 0, False)
-    assert summary.messages >= 15
-
-
-def test_the_summary_comes_twice_a_second(team):
-    team.robot("r1")
-    team.run(0.1)
-    team._summaries.drain()
-    team.run(10.0)
-    stamps = [received.message.stamp_ns for received in team._summaries.drain()]
-    assert len(stamps) == pytest.approx(20, abs=1)
-    assert all(after - before == to_ns(0.5) for before, after in itertools.pairwise(stamps))
-
-
 @pytest.mark.parametrize("empty_s", [0.0, 20.0])
 @pytest.mark.parametrize("draw", [Team.closed_room, lambda team: team.draw(0.0, 0.0, 12.0, 8.0)])
 def test_all_is_explored_when_for_three_seconds_nobody_could_be_sent_anywhere(team, draw, empty_s):
@@ -322,17 +237,6 @@ def test_all_is_explored_when_for_three_seconds_nobody_could_be_sent_anywhere(te
     assert team.summary.all_explored
 
 
-def test_what_is_explored_is_so_no_longer_when_a_door_is_found(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(5.0)
-    assert team.summary.all_explored
-    team.draw(8.9, 3.5, 9.1, 4.5)
-    team.run(1.0)
-    assert not team.summary.all_explored
-    assert len(robot.offers) == 1
-
-
 def test_as_long_as_a_robot_is_at_work_not_all_is_explored(team):
     robot = team.explore()
     team.closed_room()
@@ -341,16 +245,6 @@ def test_as_long_as_a_robot_is_at_work_not_all_is_explored(team):
     robot.end(TaskState.DONE)
     team.run(5.0)
     assert team.summary.all_explored
-
-
-def test_with_no_robot_up_nothing_is_explored(team):
-    robot = team.robot("r1")
-    team.closed_room()
-    team.run(5.0)
-    assert team.summary.all_explored
-    robot.speaks = False
-    team.run(5.0)
-    assert not team.summary.all_explored
 
 
 # -- revising goals -----------------------------------------------------------------------------------------
@@ -380,16 +274,6 @@ def test_a_goal_is_revised_when_another_has_become_much_nearer(team):
     assert team.summary.tasks_open == 1
 
 
-def test_a_robot_that_explores_alone_keeps_its_goal(team):
-    team.coordinator.set_policy(PlanningPolicy(revise_s=1.0))
-    robot = team.robot("r1", 4.0)
-    team.corridor()
-    team.run(1.0)
-    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
-    team.run(3.0)
-    assert len(robot.offers) == 1
-
-
 def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
     robot = revising(team, 1.0)
     team.run(1.0)
@@ -399,13 +283,3 @@ def test_a_robot_that_refuses_the_new_goal_keeps_the_old_one(team):
     assert len(robot.offers) > 1
     assert team.history(first)[-1] is TaskState.RUNNING
     assert team.history(robot.offers[1].task.id)[-1] is TaskState.CANCELLED
-
-
-def test_a_task_that_a_person_has_submitted_is_never_revised(team):
-    robot = revising(team, 0.5)
-    team.submit(Task(id="look", kind="explore", place=Point2D(3.0, robot.pose.y_m)))
-    team.run(4.0)
-    assert robot.task.id == "look"
-    robot.pose = Pose2D(8.2, robot.pose.y_m, 0.0)
-    team.run(4.0)
-    assert robot.task.id == "look"

@@ -1,6 +1,5 @@
 """The coordinator loses and finds robots."""
 
-import msgspec
 import numpy as np
 
 from robrain.coordinator.coordinator import Coordinator
@@ -8,8 +7,6 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_S
 from robrain.protocol.model.grid_geometry import FREE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-
-# -- losing and finding robots --------------------------------------------------------------------------------
 
 
 def test_a_lost_robots_task_is_lost_contact_then_cancelled_and_its_frontier_goes_to_another(team):
@@ -62,19 +59,6 @@ def test_a_robot_that_speaks_without_its_token_does_not_flicker(team):
     assert team.history(task)[-1] is TaskState.RUNNING
 
 
-def test_a_robot_that_returns_after_its_lease_with_its_old_task_is_told_to_stop(team):
-    robot = team.explore()
-    old = robot.task
-    robot.speaks = False
-    team.run(8.0)
-    assert team.history(old.id)[-1] is TaskState.CANCELLED
-    robot.accepts = False  # nothing new takes the old task's place
-    robot.speaks = True
-    team.run(1.0)
-    assert [(withdrawal.id, withdrawal.epoch) for withdrawal in robot.withdrawals] == [(old.id, old.epoch)]
-    assert robot.task.state is TaskState.CANCELLED
-
-
 def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):
     robot = team.robot("r1")
     team.hall()
@@ -91,18 +75,3 @@ def test_a_coordinator_that_takes_over_offers_with_greater_epochs(team):
     assert robot.offers[-1].epoch > before
     ids = [offer.task.id for offer in robot.offers]
     assert len(set(ids)) == len(ids)
-
-
-def test_a_state_that_does_not_come_is_named_in_the_summary_at_once_and_no_longer_when_it_comes(team):
-    team.robot("r1", 6.0, 4.0)
-    robot = team.robot("r2", 7.0, 4.0)
-    team.run(1.0)
-    assert team.summary.stale is msgspec.UNSET
-    robot.speaks = False
-    team.run(0.5)
-    (stale,) = team.summary.stale
-    assert (stale.code, stale.topic, stale.sender) == ("topic_stale", "robot_state", "r2")
-    assert 0.3 < stale.age_s <= 0.6
-    robot.speaks = True
-    team.run(0.2)
-    assert team.summary.stale is msgspec.UNSET

@@ -47,16 +47,6 @@ def test_a_running_task_goes_on_as_if_nothing_had_been(team, kept, robot):
     assert robot.withdrawals == []
 
 
-def test_what_a_robot_did_meanwhile_counts(team, kept, robot):
-    team.submit(visit())
-    team.run(0.5)
-    robot.end(TaskState.DONE, "there", off_m=0.05)
-    team.begin(kept)
-    wait_for(team, lambda: team.states()["t1"] is TaskState.DONE)
-    assert kept.find("t1").result == {"off_m": 0.05}
-    assert len(robot.offers) == 1
-
-
 def test_a_task_that_the_robot_let_go_meanwhile_is_offered_again(team, kept, robot):
     team.submit(visit())
     team.run(0.5)
@@ -67,15 +57,6 @@ def test_a_task_that_the_robot_let_go_meanwhile_is_offered_again(team, kept, rob
     assert robot.offers[-1].epoch > before
     assert team.why("t1") == ""
     assert TaskState.CANCELLED not in team.history("t1")
-
-
-def test_a_queued_task_and_its_dependants_go_on(team, kept, robot):
-    team.submit(visit("a"))
-    team.submit(visit("b", after=("a",)))
-    team.begin(kept)
-    wait_for(team, lambda: team.states()["a"] is TaskState.RUNNING)
-    robot.end(TaskState.DONE)
-    wait_for(team, lambda: team.states()["b"] is TaskState.RUNNING)
 
 
 @pytest.mark.parametrize("took_it", [True, False])
@@ -168,15 +149,3 @@ def test_what_a_lost_robot_finished_counts_and_the_other_is_told_to_stop(team, k
     other.task = None
     team.run(1.0)
     assert team.history("t1").count(TaskState.DONE) == 1
-
-
-def test_the_word_of_a_robot_that_was_never_offered_a_task_counts_for_nothing(team, kept, robot):
-    from robrain.protocol.messages.robots.robot_messages import TaskStatus
-
-    liar = team.robot("r2", 4.0)
-    team.run(0.5)
-    team.submit(visit())
-    team.run(0.5)
-    liar.task = TaskStatus(id="t1", epoch=robot.task.epoch, state=TaskState.DONE)
-    team.run(0.5)
-    assert team.states() == {"t1": TaskState.RUNNING}

@@ -61,26 +61,6 @@ def test_one_state_that_cannot_be_handled_is_set_aside_and_the_others_count(team
     assert found.key.endswith("robot/r2/state")
 
 
-@pytest.mark.sets_aside
-def test_one_task_that_cannot_be_handled_is_set_aside_and_the_others_go_on(team, monkeypatch):
-    team.robot("r1").accepts = False
-    team.run(0.5)
-    lifecycle = team.coordinator.lifecycle
-    why_over = lifecycle._end_reason_of
-
-    def faulty(record, now_ns, **others):
-        if record.task.id == "bad":
-            raise KeyError("a defect")
-        return why_over(record, now_ns, **others)
-
-    monkeypatch.setattr(lifecycle, "_end_reason_of", faulty)
-    for name in ("bad", "late"):
-        team.submit(Task(id=name, kind="visit", place=Point2D(6.0, 4.0)), deadline_in_s=1.0)
-    team.run(2.0)
-    assert team.states() == {"bad": TaskState.QUEUED, "late": TaskState.FAILED}
-    assert ("task", "bad", "failed") in [(one.topic, one.key, one.code) for one in team.summary.refused]
-
-
 STAGES = {
     "answers": (lambda core: core.lifecycle, "process_answers"),
     "halts": (lambda core: core.halts, "receive"),

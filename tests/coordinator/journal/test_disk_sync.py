@@ -129,28 +129,6 @@ def test_what_comes_while_the_disk_is_busy_waits_for_one_more_sync_together(jour
     assert len(disk.kept(2)) == 50
 
 
-def test_disk_that_fails_is_told_and_the_next_task_brings_all_to_the_main_file(
-    journal: Journal, disk: Disk, tmp_path: Path
-) -> None:
-    disk.error = OSError(errno.EIO, "Input/output error")
-    disk.is_ready.set()
-    ears = Ears()
-    journal.accept(queued("t1"))
-    journal.when_on_disk(ears.tell)
-    ears.wait(1)
-    assert isinstance(ears.heard[0], JournalUnwritable)
-    assert str(ears.heard[0]).startswith(f"{tmp_path / 'team.journal'}: cannot be put on the disk: ")
-    disk.error = None
-    journal.accept(queued("t2"))
-    shutil.copyfile(tmp_path / "team.journal", tmp_path / "main.journal")  # without the file whose sync failed
-    after = Journal(tmp_path / "main.journal")
-    assert [record.task.id for record in after.open_records()] == ["t1"]
-    after.close()
-    journal.when_on_disk(ears.tell)
-    ears.wait(2)
-    assert ears.heard[1] is None
-
-
 def test_after_a_failed_sync_nothing_is_told_to_be_on_the_disk_before_it_is_in_the_main_file(
     journal: Journal, disk: Disk, tmp_path: Path
 ) -> None:

@@ -1,6 +1,7 @@
 """The journal on disk: what is in it stays in it, whatever file it finds."""
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -8,12 +9,13 @@ import pytest
 
 from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.errors import JournalError, JournalLocked, JournalUnwritable
-from robrain.coordinator.journal.journal import EPOCH_BLOCK, Journal
+from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
+from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Refused, RobotOut, halted, no_path
+from robrain.protocol.reasons import Refused, RobotOut, no_path
 
 ASKED = b'{"task":{"id":"t1","kind":"visit"}}'
 
@@ -40,27 +42,6 @@ def quick_to_find_the_lock(monkeypatch: pytest.MonkeyPatch) -> None:
 # -- keeping --------------------------------------------------------------------------------------------------
 
 
-OLD_TASKS = Path(__file__).parents[2] / "protocol" / "golden" / "old_tasks"
-
-
-@pytest.mark.parametrize("old", sorted(OLD_TASKS.glob("*.json")), ids=lambda old: old.stem)
-def test_a_task_from_before_kinds_were_open_is_read(path: Path, old: Path) -> None:
-    today = msgspec.json.decode((OLD_TASKS.parent / "tasks" / old.name).read_bytes(), type=Task)
-    one = Journal(path)
-    record = one.accept(TaskRecord(task=today, state=TaskState.QUEUED, by="ann"), b"")
-    one.close()
-    today_json = msgspec.json.encode(today).decode()
-    asked = f'{{"task":{old.read_text()}}}'
-    with sqlite3.connect(path) as connection:
-        values = (today_json, old.read_text(), asked)
-        connection.execute("UPDATE task SET record = replace(record, ?, ?), asked = ?", values)
-    connection.close()
-    other = Journal(path)
-    assert other.open_records() == [record]
-    assert other.wrong == {}
-    assert msgspec.json.decode(other.asked(today.id)) == {"task": msgspec.json.decode(today_json)}
-
-
 def test_what_was_written_is_there_when_it_is_opened_again(path: Path) -> None:
     one = Journal(path)
     first = one.accept(queued("t1", by="ann"), ASKED)
@@ -80,14 +61,6 @@ def test_what_was_written_is_there_when_it_is_opened_again(path: Path) -> None:
     assert not other.was_offered("t1", "r2", 1)
     assert not other.was_offered("t1", "r1", 2)
     other.close()
-
-
-def test_changes_are_numbered_over_all_tasks(path: Path) -> None:
-    journal = Journal(path)
-    numbers = [journal.accept(queued(f"t{number}")).change for number in range(3)]
-    assert numbers == [1, 2, 3]
-    assert [record.task.id for record in journal.last_changed(2)] == ["t1", "t2"]
-    journal.close()
 
 
 def test_tasks_are_found_by_what_they_are(path: Path) -> None:
@@ -123,21 +96,6 @@ def test_a_task_is_accepted_once_and_ends_once(path: Path) -> None:
     assert journal.find("t1").state is TaskState.DONE
     assert len(journal.history("t1")) == 2
     journal.close()
-
-
-def test_epochs_grow_over_restarts_and_past_what_is_demanded(path: Path) -> None:
-    given = []
-    for demanded in (0, 0, 5000, 0, 7):
-        journal = Journal(path)
-        given += [journal.new_epoch(demanded) for _ in range(3)]
-        journal.close()
-    assert given == sorted(set(given))
-    assert given[6] >= 5000
-    many = Journal(path)
-    run = [many.new_epoch() for _ in range(2 * EPOCH_BLOCK + 1)]
-    assert run == sorted(set(run))
-    assert run[0] > given[-1]
-    many.close()
 
 
 def test_old_tasks_go_when_there_are_too_many_and_open_ones_stay(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -289,27 +247,39 @@ def test_on_a_full_disk_nothing_is_half_written_and_what_is_there_stays(path: Pa
     again.close()
 
 
-def test_a_reason_is_kept_with_its_words(path: Path) -> None:
-    journal = Journal(path)
-    reason = RobotOut("r1", Refused(no_path()))
-    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 refused: no way there", reason=reason)
+def test_a_reason_is_kept_and_of_one_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
+    journal, reason = Journal(path), RobotOut("r1", Refused(no_path()))
+    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=reason)
     journal.close()
+    for kept, statement in (
+        (reason, "UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')"),
+        (None, "UPDATE change SET reason = replace(reason, 'robot_out', 'robot_naps')"),
+    ):
+        journal = Journal(path)
+        (record,) = journal.open_records()
+        assert (record.task.id, record.why, record.reason) == ("t1", "r1 waits", kept)
+        assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("r1 waits", reason)]
+        assert journal.wrong == {}
+        journal.close()
+        with closing(sqlite3.connect(path)) as connection, connection:
+            connection.execute(statement)
     journal = Journal(path)
-    assert journal.find("t1").reason == reason
-    assert [line.reason for line in journal.history("t1")] == [None, reason]
-
-
-def test_of_a_reason_that_only_a_newer_robrain_knows_the_words_are_read(path: Path) -> None:
-    journal = Journal(path)
-    change(journal, journal.accept(queued("t1")), TaskState.QUEUED, why="r1 waits", reason=RobotOut("r1", halted()))
-    journal.close()
-    connection = sqlite3.connect(path)
-    connection.execute("UPDATE task SET record = replace(record, 'robot_out', 'robot_naps')")
-    connection.execute("UPDATE change SET reason = replace(reason, 'robot_out', 'robot_naps')")
-    connection.commit()
-    connection.close()
-    journal = Journal(path)
-    (record,) = journal.open_records()
-    assert (record.task.id, record.why, record.reason) == ("t1", "r1 waits", None)
     assert [(line.why, line.reason) for line in journal.history("t1")] == [("", None), ("r1 waits", None)]
-    assert journal.wrong == {}
+    journal.close()
+
+
+def test_an_alarm_is_kept_with_its_task_or_not_at_all(path: Path) -> None:
+    alarm = JournalAlarm(rule="heat", source="m1", measured_ns=10, fired_ns=20)
+    journal = Journal(path)
+    journal.accept(queued("t1"), alarm=alarm)
+    with pytest.raises(sqlite3.IntegrityError):
+        journal.accept(queued("t1"), alarm=msgspec.structs.replace(alarm, source="m2"))
+    journal.close()
+    again = Journal(path)
+    assert (again.alarms(), [record.task.id for record in again.open_records()]) == ([alarm], ["t1"])
+    armed = msgspec.structs.replace(alarm, is_armed=True)
+    again.record_alarm(armed)
+    assert again.alarms() == [armed]  # a source has one alarm, the last
+    again.keep_alarms([])
+    assert again.alarms() == []
+    again.close()

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from robrain.coordinator.journal import journal as journal_module
 from robrain.coordinator.journal.journal import Journal
@@ -40,10 +39,8 @@ class Fuse:
 
     def __init__(self) -> None:
         self.left: int | None = None
-        self.statements = 0
 
     def burn(self) -> None:
-        self.statements += 1
         if self.left is not None:
             if self.left == 0:
                 raise Killed
@@ -219,6 +216,11 @@ class World:
         if record is not None and not record.state.ended:
             self.book.move(task_id, TaskState.CANCELLED, cancelled("ann", ""))
 
+    def forget(self, robot: str) -> None:
+        """The robot's process is killed and starts again."""
+        for kept in (self.said, self.held, self.before):
+            kept.pop(robot, None)
+
     # -- what must hold --------------------------------------------------------------------------------------
 
     def check(self) -> None:
@@ -253,52 +255,23 @@ class World:
 SCRIPT: list[Callable[[World], None]] = [
     lambda world: world.submit("t1"),
     lambda world: world.submit("t2"),
-    lambda world: world.offer("t1", "r1"),
-    lambda world: world.offer("t2", "r2"),
-    lambda world: world.work("r1", TaskState.DONE),
-    lambda world: world.listen("r1"),
-    lambda world: world.work("r2", TaskState.FAILED),
-    lambda world: world.listen("r2"),
-    lambda world: world.offer("t2", "r1"),
-    lambda world: world.lose("t2"),
-    lambda world: world.submit("t3"),
-    lambda world: world.offer("t2", "r3"),
-    lambda world: world.work("r1", TaskState.DONE),
-    lambda world: world.listen("r1"),
-    lambda world: world.cancel("t3"),
-]
-NEXT: list[Callable[[World], None]] = [
-    lambda world: world.submit("t1"),
-    lambda world: world.submit("t2"),
     lambda world: world.submit("t3"),
     lambda world: world.offer("t1", "r1"),
     lambda world: world.offer_next("t2", "r1"),
     lambda world: world.work("r1", TaskState.DONE),
     lambda world: world.listen("r1"),
     World.reconcile,
-    lambda world: world.offer_next("t3", "r1"),
-    lambda world: world.work("r1", TaskState.DONE),
+    lambda world: world.work("r1", TaskState.FAILED),
     lambda world: world.listen("r1"),
-    lambda world: world.work("r1", TaskState.DONE),
-    lambda world: world.listen("r1"),
+    lambda world: world.offer("t2", "r2"),
+    lambda world: world.lose("t2"),
+    lambda world: world.offer("t2", "r3"),
+    lambda world: world.work("r3", TaskState.DONE),
+    lambda world: world.listen("r3"),
+    lambda world: world.cancel("t3"),
 ]
 FINISH = [*[lambda world, name=name: world.listen(name) for name in ROBOTS], World.reconcile]
-
-
-def statements_of_the_script(folder: Path) -> int:
-    world = World(folder)
-    before = world.disk.fuse.statements
-    for step in SCRIPT:
-        step(world)
-    count = world.disk.fuse.statements - before
-    world.check()
-    assert {record.task.id: record.state for record in world.book.journal.select(TaskFilter())} == {
-        "t1": TaskState.DONE,
-        "t2": TaskState.DONE,
-        "t3": TaskState.CANCELLED,
-    }
-    world.disk.clean_up()
-    return count
+WITHDRAW = [lambda world, name=name: world.withdraw(name) for name in ROBOTS]
 
 
 def kills_in(world: World, script: Sequence[Callable[[World], None]], at: int) -> int:
@@ -319,44 +292,26 @@ def test_a_kill_between_any_two_statements_loses_nothing_and_does_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(journal_module, "EPOCH_BLOCK", 2)
-    (tmp_path / "whole").mkdir()
-    count = statements_of_the_script(tmp_path / "whole")
-    assert count > 80
-    for at in range(count):
-        folder = tmp_path / str(at)
-        folder.mkdir()
-        world = World(folder)
-        assert kills_in(world, SCRIPT, at) == 1
-        world.check()
-        states = {record.task.id: record.state for record in world.book.journal.select(TaskFilter())}
-        assert set(states) == {"t1", "t2", "t3"}
-        assert states["t1"] is TaskState.DONE
-        assert world.done["t1"] == 1
-        assert states["t3"] is TaskState.CANCELLED
-        world.disk.clean_up()
-
-
-def test_a_kill_while_a_robot_goes_from_one_task_to_the_next_loses_neither(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(journal_module, "EPOCH_BLOCK", 2)
     at, was_killed = 0, True
     while was_killed:
         folder = tmp_path / str(at)
         folder.mkdir()
         world = World(folder)
-        was_killed = kills_in(world, NEXT, at) > 0
-        for settle in [*FINISH, *(lambda world, name=name: world.withdraw(name) for name in ROBOTS)]:
+        was_killed = kills_in(world, SCRIPT, at) > 0
+        for settle in [*FINISH, *WITHDRAW]:
             settle(world)
         world.check()
-        records = {record.task.id: record for record in world.book.journal.select(TaskFilter())}
-        assert set(records) == {"t1", "t2", "t3"}
-        assert max(world.done.values()) == 1
-        for name, record in records.items():
-            assert (record.state is TaskState.DONE) == (world.done.get(name, 0) == 1), record
+        states = {record.task.id: record.state for record in world.book.journal.select(TaskFilter())}
+        assert (set(states), states["t1"], states["t3"]) == (
+            {"t1", "t2", "t3"}, TaskState.DONE, TaskState.CANCELLED,
+        )  # fmt: skip
+        assert world.done["t1"] == 1
+        assert (states["t2"] is TaskState.DONE) == (world.done.get("t2", 0) == 1)
+        if not was_killed:
+            assert states["t2"] is TaskState.DONE
         world.disk.clean_up()
         at += 1
-    assert at > 60
+    assert at > 80
 
 
 def test_a_kill_while_the_journal_is_made_or_migrated_leaves_one_that_opens(tmp_path: Path) -> None:
@@ -375,83 +330,28 @@ def test_a_kill_while_the_journal_is_made_or_migrated_leaves_one_that_opens(tmp_
         disk.clean_up()
 
 
-class CrashMachine(RuleBasedStateMachine):
-    """Anything, in any order, with a kill after any statement."""
-
-    folders: Path
-    runs = 0
-    kills = st.one_of(st.none(), st.integers(0, 12))
-    names = st.sampled_from(["t1", "t2", "t3", "t4"])
-    robots = st.sampled_from(ROBOTS)
-
-    @initialize()
-    def begin(self) -> None:
-        CrashMachine.runs += 1
-        folder = self.folders / f"run{CrashMachine.runs}"
-        folder.mkdir(parents=True)
-        self.world = World(folder)
-
-    def teardown(self) -> None:
-        if hasattr(self, "world"):
-            self.world.disk.clean_up()
-
-    @rule(name=names, kill=kills)
-    def submit(self, name: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.submit(name), kill)
-
-    @rule(name=names, robot=robots, kill=kills)
-    def offer(self, name: str, robot: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.offer(name, robot), kill)
-
-    @rule(name=names, robot=robots, kill=kills)
-    def offer_next(self, name: str, robot: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.offer_next(name, robot), kill)
-
-    @rule(robot=robots)
-    def withdraw(self, robot: str) -> None:
-        self.world.withdraw(robot)
-
-    @rule(robot=robots, state=st.sampled_from([TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED]))
-    def work(self, robot: str, state: TaskState) -> None:
-        self.world.work(robot, state)
-
-    @rule(robot=robots, kill=kills)
-    def listen(self, robot: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.listen(robot), kill)
-
-    @rule(kill=kills)
-    def reconcile(self, kill: int | None) -> None:
-        self.world.run(self.world.reconcile, kill)
-
-    @rule(name=names, kill=kills)
-    def lose(self, name: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.lose(name), kill)
-
-    @rule(name=names, kill=kills)
-    def cancel(self, name: str, kill: int | None) -> None:
-        self.world.run(lambda: self.world.cancel(name), kill)
-
-    @rule(robot=robots)
-    def forget(self, robot: str) -> None:
-        """The agent is killed and restarts."""
-        self.world.said.pop(robot, None)
-        self.world.held.pop(robot, None)
-        self.world.before.pop(robot, None)
-
-    @rule()
-    def kill(self) -> None:
-        self.world.begin()
-
-    @invariant()
-    def nothing_is_lost_or_done_twice(self) -> None:
-        if hasattr(self, "world"):
-            self.world.check()
+NAMES, ROBOT = st.sampled_from(["t1", "t2", "t3", "t4"]), st.sampled_from(ROBOTS)
+KILLS = st.one_of(st.none(), st.integers(0, 12))
+"""Number of statements after which the process is killed; None: never."""
+ENDS = st.sampled_from([TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED])
+ACTIONS = st.one_of(
+    *(st.tuples(st.just(do), KILLS, NAMES) for do in (World.submit, World.lose, World.cancel)),
+    *(st.tuples(st.just(do), KILLS, NAMES, ROBOT) for do in (World.offer, World.offer_next)),
+    st.tuples(st.just(World.listen), KILLS, ROBOT),
+    st.tuples(st.just(World.reconcile), KILLS),
+    *(st.tuples(st.just(do), st.none(), ROBOT) for do in (World.withdraw, World.forget)),
+    st.tuples(st.just(World.work), st.none(), ROBOT, ENDS),
+    st.tuples(st.just(World.begin), st.none()),
+)
 
 
-@pytest.fixture(autouse=True)
-def folders(tmp_path: Path) -> None:
-    CrashMachine.folders = tmp_path / "machine"
-
-
-TestCrashMachine = pytest.mark.slow(CrashMachine.TestCase)
-TestCrashMachine.settings = settings(max_examples=12, stateful_step_count=25, deadline=None)
+@settings(max_examples=12, deadline=None)
+@given(actions=st.lists(ACTIONS, min_size=10, max_size=25))
+def test_nothing_is_lost_or_done_twice_in_any_order_with_a_kill_after_any_statement(
+    actions: list[tuple[Any, ...]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    world = World(tmp_path_factory.mktemp("crash"))
+    for do, kill, *arguments in actions:
+        world.run(lambda do=do, arguments=arguments: do(world, *arguments), kill)
+        world.check()
+    world.disk.clean_up()

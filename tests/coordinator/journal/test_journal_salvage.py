@@ -11,7 +11,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.journal import salvage
 from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
@@ -71,31 +70,6 @@ def test_a_file_that_is_no_database_is_put_aside_and_named(path: Path, caplog: p
     assert journal.opening_report[0] in caplog.text
     assert path.with_name("team.journal.damaged-1").read_bytes() == rubbish
     journal.close()
-
-
-def test_a_journal_that_another_process_has_is_refused_and_left_as_it_is(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A locked journal is not damaged; moving it aside would take it from its owner."""
-    monkeypatch.setattr("robrain.coordinator.journal.journal.LOCK_TIMEOUT_S", 0.01)
-    before = path.read_bytes()
-    other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN EXCLUSIVE")
-    with pytest.raises(JournalError, match="locked"):
-        Journal(path)
-    other.execute("ROLLBACK")
-    other.close()
-    assert asides(path) == []
-    assert path.read_bytes() == before
-    journal = Journal(path)
-    assert len(journal.open_records()) == TASKS - TASKS // 3
-    journal.close()
-
-
-def test_a_folder_is_no_journal_and_is_left_where_it_is(tmp_path: Path) -> None:
-    with pytest.raises(JournalError, match="cannot be opened"):
-        Journal(tmp_path)
-    assert tmp_path.is_dir()
 
 
 class Failing(sqlite3.Connection):
@@ -185,13 +159,6 @@ def test_most_of_a_journal_survives_the_loss_of_one_leaf(path: Path) -> None:
     journal.close()
 
 
-@pytest.mark.parametrize(("lost", "end"), [(1, "lost: t0"), (20, ", t19"), (21, ", t19 …")])
-def test_of_many_lost_tasks_the_first_twenty_are_named(lost: int, end: str) -> None:
-    names = tuple(f"t{number}" for number in range(lost))
-    found = salvage.Salvaged(tasks={1: ()}, changes={}, epoch_ceiling=0, lost=names, open=1)
-    assert found.summary().endswith(end)
-
-
 def test_a_cut_off_file_is_salvaged(path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: len(content) * 2 // 3])
@@ -199,14 +166,6 @@ def test_a_cut_off_file_is_salvaged(path: Path) -> None:
     assert asides(path) == ["team.journal.damaged-1"]
     assert path.with_name("team.journal.damaged-1").read_bytes() == content[: len(content) * 2 // 3]
     assert journal.opening_report
-    journal.close()
-
-
-def test_an_empty_file_is_a_new_journal(path: Path) -> None:
-    path.write_bytes(b"")
-    journal = Journal(path)
-    assert journal.open_records() == []
-    assert asides(path) == []
     journal.close()
 
 

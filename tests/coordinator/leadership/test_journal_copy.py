@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from robrain.agent.consensus.witness import Witness, WitnessInMemory
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.journal.errors import JournalError
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.candidate import Candidate, Following
 from robrain.coordinator.leadership.election import Elected, Election, Won
@@ -19,7 +18,7 @@ from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, Lead, WitnessRefusal, WitnessReply
 from robrain.protocol.messages.tasks import task_messages
-from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D
@@ -147,15 +146,6 @@ def test_a_task_is_acknowledged_once_the_other_disk_has_it_and_not_before(pair: 
     assert pair.submit("t1")
 
 
-def test_a_cancellation_is_acknowledged_once_the_other_disk_has_it(pair: Pair) -> None:
-    assert pair.submit("t1")
-    pair.join()
-    with pytest.raises(CallError, match="no reply in time"):
-        pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1"), timeout_s=NOT_NOW_S)
-    pair.run(2 * TICK_S)
-    assert pair.asker.ask(task_messages.TASK_CANCEL, TaskRequest(id="t1")) == pair.copy.find("t1")
-
-
 def test_a_submission_that_the_other_disk_may_lack_is_answered_with_the_reason(pair: Pair, monkeypatch) -> None:
     monkeypatch.setattr(JournalFeed, "when_kept", lambda _feed, _on_kept, on_lost: on_lost("another may lead"))
     asked = TaskSubmission(task=Task(id="t1", kind="visit", place=Point2D(1.0, 1.0)))
@@ -265,13 +255,6 @@ def test_a_coordinator_that_begins_anew_is_copied_anew(pair: Pair) -> None:
     pair.run(1.0)
     assert pair.following is Following.IN_STEP
     assert pair.is_same()
-
-
-def test_no_coordinator_goes_on_from_a_copy_that_is_not_whole(tmp_path) -> None:
-    journal = Journal(tmp_path / "copy")
-    journal.begin_copy()
-    with pytest.raises(JournalError, match="not whole"):
-        journal.own()
 
 
 def test_tasks_of_a_file_that_becomes_a_copy_are_put_aside(tmp_path) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robrain.coordinator.motes.mote_field import FORWARDERS_REPORTED, ReadingPaths
+from robrain.coordinator.motes.mote_field import ReadingPaths
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 
 
@@ -23,16 +23,6 @@ def test_readings_that_motes_passed_on_are_counted_once_for_the_first_of_these_m
     assert (paths.forwarded, paths.mean_hops) == (3, 2.0)
     assert [(one.mote, one.readings) for one in paths.forwarders()] == [("m2", 2), ("m3", 1)]
     assert paths.gateways() == []
-
-
-def test_only_the_motes_that_passed_most_on_are_told() -> None:
-    paths = ReadingPaths()
-    for number in range(FORWARDERS_REPORTED + 4):
-        for _ in range(number + 1):
-            record(paths, "m1", hops=1, forwarder=f"m{number + 10}")
-    told = paths.forwarders()
-    assert len(told) == FORWARDERS_REPORTED
-    assert (told[0].mote, told[0].readings) == (f"m{FORWARDERS_REPORTED + 13}", FORWARDERS_REPORTED + 4)
 
 
 def test_gateways_are_told_with_what_they_store_and_have_dropped() -> None:

@@ -8,7 +8,7 @@ from robrain.coordinator.motes.mote_field import FieldKeeper
 from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import TaskState
 from tests.coordinator.motes.test_motes import Field
 from tests.plain_reason import Plain
 
@@ -62,21 +62,6 @@ def test_robot_is_sent_to_collect_when_a_mote_s_data_are_old_and_not_before(fiel
     assert why.changes[0].why == f"the newest reading of m1 is {why.changes[0].reason.values['age_s']:.0f} s old"
 
 
-def test_task_to_collect_is_called_off_if_the_mote_is_heard_before_anybody_went(field) -> None:
-    keep(field, COLLECT)
-    field.robot.accepts = False
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.run(25.0)
-    assert made(field, "collect")[0].state is TaskState.QUEUED
-    mote.speaks = True
-    field.run(3.0)
-    (record,) = made(field, "collect")
-    assert record.state is TaskState.CANCELLED
-    assert record.reason.code == "mote_heard"
-
-
 def test_motes_that_are_nearly_due_are_collected_on_the_same_tour_and_older_data_weigh_more(field) -> None:
     keep(field, COLLECT)
     field.robot.accepts = False
@@ -90,17 +75,6 @@ def test_motes_that_are_nearly_due_are_collected_on_the_same_tour_and_older_data
     assert sorted(records) == ["m1", "m2"]
     assert records["m1"].task.priority > records["m2"].task.priority
     assert third.speaks
-
-
-def test_nobody_is_sent_where_a_person_has_sent_a_robot_already(field) -> None:
-    keep(field, COLLECT)
-    field.robot.accepts = False
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.team.submit(Task(id="mine", kind="collect", place=NEAR, parameters={"mote": "m1"}))
-    field.run(30.0)
-    assert [record.task.id for record in made(field, "collect")] == ["mine"]
 
 
 def test_successor_of_a_coordinator_goes_on_with_its_tasks(field, tmp_path) -> None:

@@ -157,18 +157,6 @@ def test_a_robot_does_what_no_mote_can(field, voltage_v, silent_s, kind, paramet
     assert field.get("t").robot == robot
 
 
-def test_mote_that_falls_silent_gives_its_task_to_a_robot(field):
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.team.submit(Task(id="s", kind="sense", place=PLACE, parameters={"timeout_s": 10.0}))
-    field.run(1.0)
-    assert field.get("s").robot == "mote:m1"
-    field.run(14.0)
-    assert field.get("s").robot == "r1"
-    assert field.team.history("s")[-3:] == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING]
-
-
 def test_task_that_a_mote_gave_up_is_offered_to_a_robot_in_the_same_step(field):
     team = field.team
     team.begin(None, PlanningPolicy(method="nearest"))  # no plan is made for it
@@ -260,32 +248,6 @@ def test_mote_s_task_does_not_outlive_its_deadline(field):
     field.run(5.0)
     record = field.get("s")
     assert (record.state, record.why) == (TaskState.FAILED, "its deadline has passed")
-
-
-def test_a_task_that_a_mote_is_at_comes_free_for_nobody_nor_when_its_deadline_has_passed(field):
-    mote = field.mote()
-    field.run(5.0)
-    mote.speaks = False
-    field.team.submit(Task(id="s", kind="sense", place=PLACE), deadline_in_s=3.0)
-    field.run(1.0)
-    assert field.get("s").robot == "mote:m1"
-    core, motes = field.team.coordinator.core, field.team.coordinator.part(MoteMembers)
-    core.assign_due_ns = 1
-    motes.decide(field.team.clock.now_ns() + to_ns(0.5))
-    assert field.get("s").robot == "mote:m1"
-    motes.decide(field.team.clock.now_ns() + to_ns(3.0))
-    assert field.get("s").state is TaskState.FAILED
-    assert core.assign_due_ns == 1, "nobody else may do it"
-
-
-def test_of_more_motes_than_there_is_room_for_the_first_are_known(monkeypatch):
-    monkeypatch.setattr("robrain.coordinator.motes.mote_members.MOTES_MAX", 2)
-    table = MoteTable()
-    for mote in ("m1", "m2", "m3", "m1"):
-        table.record(
-            MoteReading(mote=mote, place=PLACE, quantity="t", value=1.0, voltage_v=3.0, rssi_dbm=0, via="r1"), 0
-        )
-    assert list(table.motes) == ["m1", "m2"]
 
 
 def test_a_mote_with_a_clock_far_ahead_is_heard_like_others():

@@ -109,10 +109,6 @@ def test_a_charger_that_two_robots_know_at_places_a_little_apart_is_one():
     assert turns["r2"].behind == "r1"
 
 
-def test_a_robot_that_knows_no_charger_has_no_turn():
-    assert schedule([seeker("r1", 0.1)]) == {}
-
-
 # -- any team -------------------------------------------------------------------------------------------------------
 
 PLACES = [Point2D(4.0 * number, 0.0) for number in range(3)]

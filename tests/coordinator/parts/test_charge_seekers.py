@@ -86,12 +86,6 @@ def test_only_chargers_that_are_reached_with_the_reserve_count_or_else_the_neare
     assert set(world.paths_m()) == {NEAR, FAR}
 
 
-def test_who_is_bound_for_a_charger_already_may_be_sent_to_any():
-    world = World()
-    world.change(energy=model(0.0), behavior="recharge")
-    assert set(world.paths_m()) == {NEAR, FAR}
-
-
 def test_only_who_has_little_left_is_to_charge():
     world = World()
     assert world.seeker(below=0.3) is None

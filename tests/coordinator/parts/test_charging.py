@@ -1,17 +1,15 @@
 """Teams with fewer chargers than robots: who charges when, what waits for it, and what is told of it."""
 
-import msgspec
 import pytest
 
 from robrain.coordinator.parts.charge_schedule import schedule_charges
-from robrain.coordinator.parts.charging import MOVED_NS, MOVED_SHARE, TO_SOC, Charging, _is_same_schedule
+from robrain.coordinator.parts.charging import TO_SOC, Charging
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge
-from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import plan_messages
-from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
+from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
 from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.stock_kinds import Recharge
@@ -197,33 +195,6 @@ def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(te
     assert run(team, workers, 900.0, until=all_done(team))
 
 
-@pytest.mark.slow
-def test_a_charge_of_its_own_accord_that_has_brought_enough_is_ended_as_well(team):
-    low, own = staff(team, (0.12, 0.3), dearer=90.0)
-    own.robot.behavior = "recharge"
-    own.robot.pose = msgspec.structs.replace(own.robot.pose, x_m=DOCKS[0].x_m, y_m=DOCKS[0].y_m)
-    own.at_charger = DOCKS[0]
-
-    def step(worker, dt_s):
-        if worker.robot.behavior == "recharge" and not worker.robot.offers:
-            worker.remaining_j += 500.0 * dt_s
-            worker.at_charger = DOCKS[0]
-            worker.tell()
-
-    for number in range(30):
-        team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
-    for _ in range(2000):
-        step(own, 0.1)
-        if own.robot.offers:
-            break
-        team.run(0.1)
-        low.step(0.1)
-    (charge,) = charges_of(own)
-    assert to_soc_of(charge) == pytest.approx(0.6, abs=0.02)
-    own.robot.behavior = ""
-    assert run(team, [low, own], 900.0, until=all_done(team))
-
-
 @pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (TO_SOC, [])])
 def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team, monkeypatch, to_soc, is_whole):
     seen = []
@@ -257,38 +228,10 @@ def test_a_robot_charges_for_a_task_that_is_left_out_for_want_of_energy_unless_i
     assert bool(charges_of(workers[0])) is charges
 
 
-# -- who knows chargers ---------------------------------------------------------------------------------------------
-
-
-# -- when the schedule is published again ---------------------------------------------------------------------------
-
-UNTIL_NS = to_ns(60.0)
-PUBLISHED = PlannedCharge(
-    robot="r1", charger=Point2D(1.0, 2.0), set_out_ns=0, from_ns=0, until_ns=UNTIL_NS, soc=0.3, to_soc=0.9, behind="r2"
-)
-FAR_NS = to_ns(1000.0)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "is_same"),
-    [
-        ({}, {"robot": "r3"}, False),
-        ({}, {"charger": Point2D(1.0, 3.0)}, False),
-        ({}, {"behind": ""}, False),
-        ({}, {"has_set_out": True}, False),
-        ({}, {"is_there": True}, False),
-        ({}, {"until_ns": UNTIL_NS + MOVED_NS + 1}, False),
-        ({}, {"until_ns": UNTIL_NS - MOVED_NS - 1}, False),
-        ({}, {"soc": 0.4}, True),
-        ({}, {"until_ns": UNTIL_NS + MOVED_NS}, True),
-        ({}, {"from_ns": 5}, True),
-        # A distant end may move by a share of the time until then.
-        ({"until_ns": FAR_NS}, {"until_ns": FAR_NS + round(MOVED_SHARE * FAR_NS)}, True),
-        ({"until_ns": FAR_NS}, {"until_ns": FAR_NS + round(MOVED_SHARE * FAR_NS) + 1}, False),
-    ],
-)
-def test_schedule_is_published_again_when_it_has_changed_and_not_because_time_passes(before, after, is_same):
-    one, other = (msgspec.structs.replace(PUBLISHED, **{**before, **fields}) for fields in ({}, after))
-    assert _is_same_schedule((one,), (other,), 0) is is_same
-    assert not _is_same_schedule((one,), (), 0)
-    assert not _is_same_schedule((), (one,), 0)
+def test_a_robot_that_refuses_to_charge_is_asked_again_after_half_a_minute(team):
+    (worker,) = staff(team, (0.2,))
+    worker.robot.accepts = False
+    run(team, [worker], 25.0)
+    assert len(charges_of(worker)) == 1
+    run(team, [worker], 15.0)
+    assert len(charges_of(worker)) == 2

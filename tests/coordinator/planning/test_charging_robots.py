@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
 from robrain.algorithms.allocation.validate import validate
-from robrain.coordinator.planning.plan_search import PlanSolver, for_ready_robots, with_charging_robots
-from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.coordinator.planning.plan_search import for_ready_robots, with_charging_robots
 from robrain.protocol.model.tasks.objective import Objective
 from tests.algorithms.allocation.instances import team_problem
 
@@ -53,16 +52,3 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
     if len(late) < len(problem.workers):
         assert not done & {job for route in plan.routes if route.worker in late for job in route.jobs}
     assert all(one.reason is not None for one in plan.unassigned)
-
-
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(problems(), st.sampled_from(list(Objective)))
-def test_a_plan_with_those_who_charge_is_valid_and_the_same_again(problem, objective):
-    def solve():
-        solver = PlanSolver(problem, PlanningPolicy(objective=objective, seed=1, iterations=20))
-        solver.run(rounds=1)
-        return solver.plan, solver.problem
-
-    plan, shared = solve()
-    assert validate(shared, plan) == []
-    assert solve()[0] == plan

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -135,37 +134,6 @@ def test_a_coordinator_that_begins_anew_goes_on_with_it(team, crew):
     assert sum(len(parts(worker, "share")) for worker in crew) == 2
     assert sum(len(parts(worker, "gather")) for worker in crew) == 2
     journal.close()
-
-
-def test_a_coordinator_that_begins_anew_goes_on_with_the_last_try(team, crew):
-    journal = Journal()
-    team.begin(journal)
-    run(team, crew, 1.0)
-    team.submit(together())
-
-    def told(kind):
-        return sum(len(parts(worker, kind)) for worker in crew)
-
-    assert run(team, crew, 5.0, until=lambda: told("gather") == 2)
-    at_it(crew)[0].robot.end(TaskState.CANCELLED, "the way is blocked")
-    for kind, count in (("gather", 4), ("share", 2)):
-        assert run(team, crew, 60.0, until=lambda kind=kind, count=count: told(kind) == count)
-        team.begin(journal)
-    assert run(team, crew, 60.0, until=lambda: team.states() == {"lift": TaskState.DONE})
-    assert (told("gather"), told("share")) == (4, 2)
-    journal.close()
-
-
-def test_more_robots_than_there_are_is_refused(team, crew):
-    with pytest.raises(CallError, match="it needs 4 robots at once that have visit, and the team has 3"):
-        team.submit(together(robots=4))
-
-
-def test_three_at_once_and_what_comes_after(team, crew):
-    team.submit(together(robots=3))
-    team.submit(Task(id="then", kind="visit", place=PLACE, after=("lift",)))
-    assert run(team, crew, 90.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
-    assert team.history("then")[-1] is TaskState.DONE
 
 
 @pytest.mark.parametrize("told", [0, 1])

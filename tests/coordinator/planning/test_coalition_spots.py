@@ -81,19 +81,3 @@ def test_a_robot_as_wide_as_the_lane_does_not_fit_beside_its_middle():
         spots = spots_around(Point2D(4.05, 3.05), 2, 0.2, grid)
         columns_of = [grid.geometry.cell_of(spot.x_m, spot.y_m)[1] for spot in spots]
         assert (columns_of == [40, 40]) is fits
-
-
-@pytest.mark.parametrize("place", [Point2D(4.0, 0.1), Point2D(4.0, 5.9), Point2D(0.1, 3.0), Point2D(7.9, 3.0)])
-def test_a_spot_at_the_edge_of_the_map_is_not_free(place):
-    on_map = []
-    for spot in spots_around(place, 4, 0.2, floor()):
-        on_map.append(0.2 <= spot.x_m <= 7.8 and 0.2 <= spot.y_m <= 5.8)
-    assert sum(on_map) == max(
-        sum(0.2 <= x <= 7.8 and 0.2 <= y <= 5.8 for x, y in ring_at(place, turn)) for turn in range(24)
-    )
-
-
-def ring_at(place, turn):
-    ring_m = 0.7 / (2 * math.sin(math.pi / 4))
-    angles = [math.tau * turn / 24 / 4 + math.tau * k / 4 for k in range(4)]
-    return [(place.x_m + ring_m * math.cos(angle), place.y_m + ring_m * math.sin(angle)) for angle in angles]

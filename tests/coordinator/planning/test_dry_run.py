@@ -95,13 +95,6 @@ def test_a_dry_run_names_the_tasks_that_would_end_later_and_those_that_would_mis
     assert [offer.task.id for offer in robot.offers] == ["now"]
 
 
-def test_a_dry_run_of_a_task_that_nobody_can_do_says_why(team):
-    team.settle("r1", 4.0)
-    team.closed_room()
-    found = dry_run(team, visit(x_m=40.0, y_m=40.0, deadline_ns=10**9))
-    assert found.refused or found.estimate is None
-
-
 @pytest.mark.parametrize(("x_m", "service_s", "blocked"), [(6.05, 60.0, True), (6.05, 2.0, False), (5.0, 60.0, False)])
 def test_a_dry_run_names_what_a_robot_in_a_door_cuts_off(team, x_m, service_s, blocked):
     team.robot("r1", 4.0)

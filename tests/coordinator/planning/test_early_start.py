@@ -35,11 +35,6 @@ def test_a_tour_is_gone_in_the_direction_in_which_dear_jobs_come_first():
     assert eager(asked, "far", "near") == ("far", "near")
 
 
-def test_what_can_be_done_meanwhile_is_done_meanwhile():
-    asked = problem(job("late", 2, earliest_s=50.0), job("now", 1), job("too", 3, service_s=1.0))
-    assert eager(asked, "late", "too", "now")[0] != "late"
-
-
 def test_what_can_be_done_meanwhile_is_also_where_the_other_direction_would_wait_longer():
     asked = problem(job("late", 2, earliest_s=50.0), job("now", 1), job("last", 3, earliest_s=60.0))
     assert eager(asked, "late", "now", "last") == ("now", "late", "last")
@@ -50,19 +45,3 @@ def test_what_it_is_at_stays_first_and_nothing_comes_too_late():
     assert eager(asked, "at", "far", "near")[0] == "at"
     asked = problem(job("far", 4, latest_s=5.0), job("near", 1, service_s=2.0, prize_j=900.0))
     assert eager(asked, "far", "near") == ("far", "near")
-
-
-def test_jobs_change_places_only_if_dear_ones_are_begun_sooner():
-    asked = problem(job("one", 2), job("two", 2))
-    assert eager(asked, "one", "two") == ("one", "two")
-    assert eager(asked, "two", "one") == ("two", "one")
-    asked = problem(job("one", 2), job("two", 2, prize_j=101.0))
-    assert eager(asked, "one", "two") == ("one", "two")  # both are begun when the robot is there
-    asked = problem(job("one", 2, service_s=1.0), job("two", 2, service_s=1.0, prize_j=101.0))
-    assert eager(asked, "one", "two") == ("two", "one")
-
-
-def test_what_waits_does_not_change_places_with_what_would_be_begun_no_sooner():
-    asked = problem(job("late", 1, earliest_s=50.0), job("later", 1, earliest_s=50.0))
-    assert eager(asked, "late", "later") == ("late", "later")
-    assert eager(asked, "later", "late") == ("later", "late")

@@ -6,7 +6,7 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.plan_messages import TASK_ESTIMATES
-from robrain.protocol.messages.tasks.task_messages import TASK_GET, TASK_LIST, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_GET, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
@@ -63,16 +63,6 @@ def test_end_of_a_robot_that_is_stuck_moves_away_within_two_seconds_and_with_it_
     team.run(2.0)
     assert estimate(team, "first").ends_in_s == pytest.approx(40.0, abs=1.1)
     assert estimate(team, "second").ends_in_s == pytest.approx(after[1] + 30.0, abs=2.1)
-
-
-def test_end_of_a_robot_that_reports_none_is_that_of_the_plan(team):
-    team.settle("r1", 4.0)
-    team.submit(visit("t", 5.0, service_s=20.0))
-    team.run(0.2)
-    planned_s = estimate(team, "t").ends_in_s
-    assert planned_s > 20.0
-    team.run(5.0)
-    assert estimate(team, "t").ends_in_s == pytest.approx(planned_s - 5.0, abs=0.2)
 
 
 def test_task_waits_for_its_time_and_for_those_before_it(team):
@@ -150,18 +140,6 @@ def test_estimates_are_published_when_one_has_moved(team):
     robot.end(TaskState.DONE)
     team.run(1.2)
     assert inbox.drain()[-1].message.tasks == ()
-
-
-def test_estimates_are_in_lists_and_only_of_open_tasks(team):
-    robot = team.settle("r1", 4.0)
-    team.submit(visit("a", 5.0))
-    team.submit(visit("b", 6.0))
-    team.run(0.5)
-    robot.end(TaskState.DONE)
-    team.run(0.5)
-    found = {record.task.id: record.estimate for record in team.asker.ask(TASK_LIST)}
-    assert {name for name, one in found.items() if one is None} == {"a"}
-    assert found["b"].robot == "r1"
 
 
 def test_robot_that_reports_impossible_energies_spoils_no_estimate(team):

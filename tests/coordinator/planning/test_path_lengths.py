@@ -159,14 +159,3 @@ def test_lengths_come_back_as_they_were(places, chance):
             from_deltas(packed[:-1], places)
         with pytest.raises(ValueError, match="order"):
             from_deltas(packed[4:8] + packed[4:], places)
-
-
-def test_a_thousand_places_are_told_in_few_bytes():
-    rng = np.random.default_rng(1)
-    xy = rng.uniform(0.0, 30.0, (500, 2))
-    length_m = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
-    asked = ProblemRecord(
-        jobs=(), workers=(), profiles=(Profile(2.0, 10.0, 0.5),), places=500, paths_cm=encode_lengths(length_m)
-    )
-    assert len(asked.encode()) < 0.45 * len(zlib.compress(asked.paths_cm, 1))
-    assert decode(asked.encode()) == asked

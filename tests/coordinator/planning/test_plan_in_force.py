@@ -53,12 +53,6 @@ def test_a_robot_sets_out_when_it_is_free_and_for_what_begins_later_in_time():
     assert (made.problem, made.duration_s, made.waiting, made.left_out) == (WRITTEN, 0.25, {"late": LATE}, {})
 
 
-def test_a_task_that_begins_when_its_robot_is_there_is_set_out_for_at_once():
-    made = plan_of([["a"]], job("a", 3, earliest_s=3.0))
-    assert made.steps["r0"] == (PlannedStep("a", ns(0.0), 3.0, ns(3.0), 0.0, 3.0),)
-    assert plan_of([["a"]], job("a", 0)).steps["r0"] == (PlannedStep("a", ns(0.0), 0.0, ns(0.0)),)
-
-
 def test_what_a_robot_is_at_comes_first_and_is_not_planned_again():
     made = plan_of([["a", "b"]], job("a", 1, service_s=5.0, pinned_to="r0"), job("b", 2))
     begun = PlannedStep("a", ns(0.0), 1.0, ns(1.0), 5.0, 1.0, has_begun=True)

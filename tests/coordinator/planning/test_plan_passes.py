@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
+from robrain.coordinator.planning.plan_passes import PASSES
 from robrain.coordinator.planning.plan_search import LockstepPlanner, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.registry import Registry
@@ -46,12 +46,6 @@ def leaves(draft):
     return _with_orders(draft, [tuple(job for job in jobs if job not in pinned) for jobs in draft.plan.orders])
 
 
-def twice(draft):
-    """Each task is done by all robots."""
-    everybody = [job.id for job in draft.problem.jobs]
-    return _with_orders(draft, [everybody for _ in draft.plan.routes])
-
-
 def nothing(draft):
     """No plan at all."""
 
@@ -68,12 +62,6 @@ def idle(draft):
     return _with_orders(draft, [tuple(job for job in jobs if job in pinned) for jobs in draft.plan.orders])
 
 
-def silent(draft):
-    """The same plan, without the reasons."""
-    left = tuple(msgspec.structs.replace(one, reason=None) for one in draft.plan.unassigned)
-    return msgspec.structs.replace(draft, plan=msgspec.structs.replace(draft.plan, unassigned=left))
-
-
 def broken(draft):
     raise ZeroDivisionError("by hand")
 
@@ -85,7 +73,6 @@ def changed(draft):
 BAD = {
     "everything": "cannot be carried out: r0 is at at",
     "leaves": "r0 is at at; the plan does not begin with that",
-    "twice": "cannot be carried out",
     "nothing": "expected a PlanDraft, got NoneType",
     "other": "expected a plan for energy, got one for lifetime",
     "idle": "without a reason",
@@ -95,7 +82,7 @@ BAD = {
 
 @pytest.fixture
 def last_first(install, monkeypatch):  # noqa: F811
-    names = {name: f"last_first:{name}" for name in ("last_first", "changed", "silent", *BAD)}
+    names = {name: f"last_first:{name}" for name in ("last_first", "changed", *BAD)}
     install("last-first", names, {"last_first.py": LAST_FIRST}, PASSES.group)
     stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
     fresh = Registry(PASSES.what, PASSES.group, stock, has_files=True)  # as in a new process
@@ -109,37 +96,22 @@ def solver(*passes, orders=None, gain_min=0.0):
     return PlanSolver(asked, PlanningPolicy(method="auction", gain_min=gain_min, passes=passes), orders or {})
 
 
-def test_the_stock_passes_are_there_and_applied_by_default():
-    assert PlanningPolicy().passes == STOCK_PASSES == ("stability", "charging_robots", "early_start")
-    assert all(PASSES.is_stock(name) and callable(PASSES.get(name)) for name in STOCK_PASSES)
-
-
-def test_an_unknown_pass_is_refused_with_those_that_there_are():
-    with pytest.raises(ValueError, match=r"one of .*stability, or FILE.py:NAME; got stabilty; did you mean stab"):
-        PlanningPolicy(passes=("stabilty",))
-
-
-def test_a_pass_that_is_listed_twice_is_refused():
-    with pytest.raises(ValueError, match="expected each pass once, got stability, stability"):
-        PlanningPolicy(passes=("stability", "stability"))
+@pytest.mark.parametrize(
+    ("passes", "words"),
+    [
+        (("stabilty",), r"one of .*stability, or FILE.py:NAME; got stabilty; did you mean stab"),
+        (("stability", "stability"), "expected each pass once, got stability, stability"),
+    ],
+)
+def test_unknown_and_repeated_passes_are_refused(passes, words):
+    with pytest.raises(ValueError, match=words):
+        PlanningPolicy(passes=passes)
 
 
 def test_without_stability_tasks_change_robots_for_the_least_gain():
     orders = {"r1": ("b", "a")}
     assert solver("stability", orders=orders, gain_min=0.99).plan.orders == (("at",), ("b", "a"))
     assert solver(orders=orders, gain_min=0.99).plan.orders == (("at", "a", "b"), ())
-
-
-def with_a_charging_robot(*passes):
-    asked = problem(job("a", 1), job("b", 4))
-    ready, charging = asked.workers
-    asked = msgspec.structs.replace(asked, workers=(ready, msgspec.structs.replace(charging, ready_s=60.0)))
-    return PlanSolver(asked, PlanningPolicy(method="auction", passes=passes))
-
-
-def test_without_its_pass_charging_robots_are_planned_for_like_all_others():
-    assert with_a_charging_robot("charging_robots").plan.orders == (("b", "a"), ())
-    assert with_a_charging_robot().plan.orders == (("a",), ("b",))
 
 
 def test_a_pass_of_another_distribution_refines_the_plan(last_first):
@@ -186,13 +158,6 @@ def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):
     assert made.failures == ()
 
 
-def test_jobs_that_a_pass_leaves_out_without_a_reason_keep_the_reason_that_they_had(last_first):
-    asked = problem(job("a", 1), msgspec.structs.replace(job("b", 2), latest_s=0.0))
-    made = PlanSolver(asked, PlanningPolicy(method="auction", passes=("silent",)))
-    (left,) = made.plan.unassigned
-    assert (left.job, left.reason is None, made.failures) == ("b", False, ())
-
-
 def test_a_recorded_plan_is_made_again_with_its_passes(last_first):
     planner = LockstepPlanner()
     planner.ask(open_floor_snapshot(1, 4), PlanningPolicy(passes=("last_first",)))
@@ -200,13 +165,6 @@ def test_a_recorded_plan_is_made_again_with_its_passes(last_first):
     assert plan.problem.passes == ["last_first"]
     assert plan_again(plan.problem) == plan.problem.routes
     assert plan_again(msgspec.structs.replace(plan.problem, passes=[])) != plan.problem.routes
-
-
-def test_a_recording_from_before_passes_could_be_chosen_is_made_again_with_the_stock_passes():
-    planner = LockstepPlanner()
-    planner.ask(open_floor_snapshot(1, 4), PlanningPolicy())
-    (plan,) = planner.finished_plans()
-    assert plan_again(msgspec.structs.replace(plan.problem, passes=None)) == plan.problem.routes
 
 
 def test_what_failed_reaches_the_coordinator_with_the_plan(last_first):

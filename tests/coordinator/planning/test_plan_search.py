@@ -4,13 +4,11 @@ import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.planning import plan_search as search
 from robrain.coordinator.planning.plan_search import PlanSearch
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.messages.tasks import task_messages
-from robrain.protocol.messages.tasks.task_messages import TaskExplanation, TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskExplanation, TaskRecord, TaskRequest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import METRES_MAX, PRIORITY_MAX, STAMP_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -60,21 +58,6 @@ def test_what_waits_for_such_a_task_says_so_and_is_not_planned():
     made = plan(with_tasks(queued("bad", priority=1e308), queued("next", after=("bad",))))
     assert planned_tasks(made) == {"t0", "t1", "t2"}
     assert made.waiting["next"] == Plain("after_unplanned", task="bad")
-
-
-def test_tasks_that_can_be_planned_each_but_not_together_are_not_tried_together_again(monkeypatch):
-    tried = []
-
-    def faulty(snapshot, *_):
-        tried.append(len(snapshot.records))
-        if len(snapshot.records) > 1:
-            raise OverflowError("too many")
-
-    monkeypatch.setattr(search, "build_problem", faulty)
-    monkeypatch.setattr(search, "Draft", lambda *_: None)
-    with pytest.raises(OverflowError, match="too many"):
-        PlanSearch().draft(open_floor_snapshot(1, 3), PlanningPolicy())
-    assert tried == [3, 1, 1, 1]
 
 
 @pytest.mark.parametrize("method", ["greedy", "auction", "optimal"])
@@ -142,19 +125,6 @@ def test_whatever_a_robot_says_of_its_energy_there_is_a_plan(fields, caplog):
     made = plan(msgspec.structs.replace(snapshot, members=members))
     assert planned_tasks(made) | made.left_out.keys() == {"t0", "t1", "t2"}
     assert not caplog.records
-
-
-# -- admission and journal ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("field", HUGE)
-def test_a_task_with_absurd_numbers_is_refused_with_a_message_on_submission(team, field):
-    team.robot("r1")
-    team.run(0.5)
-    asked = TaskSubmission(task=task_with("bad", Point2D(6.0, 4.0), **{field: HUGE[field]}))
-    with pytest.raises(CallError, match=rf"at `\$.task.{field}`"):
-        team.ask(task_messages.TASK_SUBMIT, asked)
-    assert team.states() == {}
 
 
 @pytest.mark.parametrize("field", HUGE)

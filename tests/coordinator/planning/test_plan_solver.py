@@ -41,12 +41,6 @@ def test_it_is_better_by_enough_from_the_share_that_is_asked_for(objective, gain
         assert orders_after(asked, objective, gain_min=gain_min, orders={"r1": ["a"]}) == {robot: ("a",)}
 
 
-def test_a_plan_that_takes_nothing_is_not_changed_for_another_that_takes_nothing():
-    asked = problem(job("a", 1), j_per_m=0.0)
-    assert orders_after(asked, gain_min=0.02, orders={"r1": ["a"]}) == {"r1": ("a",)}
-    assert orders_after(asked, gain_min=0.0, orders={"r1": ["a"]}) == {"r0": ("a",)}
-
-
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():
     found = orders_after(problem(job("a", 1), job("b", 1)), gain_min=0.999, orders={"r1": ["a"]})
     assert sorted(name for jobs in found.values() for name in jobs) == ["a", "b"]
@@ -64,38 +58,9 @@ def test_better_plans_are_looked_for_where_there_may_be_any(jobs, method, rounds
     assert sum(1 for _ in solver.improve()) == solver.rounds == rounds
 
 
-def test_before_there_is_a_plan_the_problem_is_what_was_asked():
-    asked = problem(job("a", 1))
-    assert PlanSolver(asked, PlanningPolicy(method="auction")).problem is asked
-
-
 def test_a_task_that_a_robot_is_at_is_none_that_can_be_planned_better():
     pinned = Job(id="b", place=1, prize_j=1.0, pinned_to="r0")
     assert list(solver_of(job("a", 1), pinned).improve()) == []
-
-
-def test_thinking_ends_after_the_rounds_that_are_asked_for():
-    jobs = (job("a", 1), job("b", 2), job("c", 3))
-    for rounds in (1, 2):
-        solver = solver_of(*jobs)
-        solver.run(rounds)
-        assert solver.rounds == rounds
-
-
-def test_each_search_begins_with_the_best_plan_and_a_seed_of_its_own():
-    solver = solver_of(job("a", 1), job("b", 3))
-    search, asked = solver._search, []
-
-    class Search:
-        def plan(self, asked_problem, **fields):
-            asked.append((fields["seed"], fields["iterations"], fields["warm_start"].rank))
-            return search.plan(asked_problem, **fields)
-
-    solver._search = Search()
-    rank = solver.plan.rank
-    for _ in solver.improve():
-        pass
-    assert asked == [(5, 10, rank), (6, 10, rank)]
 
 
 @pytest.mark.parametrize("better_in", [0, 1, FRUITLESS])

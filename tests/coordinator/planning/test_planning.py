@@ -7,7 +7,6 @@ import pytest
 
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.planning.snapshot_builder import SnapshotBuilder
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks import plan_messages
@@ -16,7 +15,9 @@ from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExpl
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import needed_for
 from tests.coordinator.planning.worlds import CAPACITY_J, Worker, run
+from tests.plain_reason import Plain
 
 
 def visit(name: str, x_m: float = 6.0, y_m: float = 4.0, **fields) -> Task:
@@ -81,24 +82,6 @@ def test_a_robot_whose_task_begins_soon_is_not_sent_exploring_and_sets_out_in_ti
     assert offered(robot) == ["t1"]  # 2.5 m at 0.5 m/s, and a little margin
 
 
-def test_plans_do_not_change_hands_for_next_to_nothing(team, ears):
-    first, second = team.robot("r1", 5.0), team.robot("r2", 7.0)
-    workers = [Worker(one, remaining_j=CAPACITY_J) for one in (first, second)]
-    team.closed_room()
-    team.submit(visit("a", 3.5))
-    team.submit(visit("b", 8.5))
-    team.submit(visit("middle", 6.0, 5.5))
-    team.submit(visit("again", 6.01, 2.5))
-    run(team, workers, 30.0, until=lambda: set(team.states().values()) == {TaskState.DONE})
-    whose: dict[str, list[str]] = {}
-    for plan in ears.asked():
-        for robot, tasks in plan.routes:
-            for task in tasks:
-                names = whose.setdefault(task, [])
-                names += [] if names[-1:] == [robot] else [robot]
-    assert all(len(robots) <= 2 for robots in whose.values()), whose
-
-
 def test_a_robot_that_newly_reports_the_end_of_its_task_has_the_plan_checked(team, ears):
     robot = team.settle("r1", 4.0)
     team.submit(visit("first"))
@@ -109,19 +92,6 @@ def test_a_robot_that_newly_reports_the_end_of_its_task_has_the_plan_checked(tea
         robot.task = msgspec.structs.replace(robot.task, remaining_s=remaining_s)
         team.run(1.0)
         assert [one.cause for one in ears.asked()] == causes
-
-
-@pytest.mark.parametrize("state", [TaskState.DONE, TaskState.FAILED])
-def test_of_the_ended_tasks_that_others_wait_for_a_plan_counts_those_that_are_done(team, state):
-    robot = team.settle()
-    team.submit(visit("first"))
-    record = team.submit(visit("second", after=("first",)))
-    team.run(0.5)
-    robot.end(state)
-    team.run(0.2)
-    planning, core = team.coordinator.planning, team.coordinator.core
-    builder = SnapshotBuilder(core.lifecycle, core.team_map, planning.chargers, planning.exclusion, {})
-    assert builder.done_before([record], set()) == ({"first"} if state is TaskState.DONE else set())
 
 
 # -- energy -----------------------------------------------------------------------------------------------------
@@ -159,20 +129,6 @@ def test_the_task_of_higher_priority_is_done_when_there_is_energy_for_one(team):
     assert offered(robot) == ["dear"]
 
 
-def test_a_robot_that_is_low_charges_first_and_then_does_what_was_left_out(team):
-    robot = team.robot("r1", 4.0)
-    robot.plugins = ["visit", "recharge", "explore"]
-    robot.chargers = [Point2D(3.5, 4.0)]
-    worker = Worker(robot, remaining_j=0.102 * CAPACITY_J)
-    team.closed_room()
-    team.run(1.0)
-    team.submit(visit("t1", 8.5))
-    assert run(team, [worker], 120.0, until=lambda: team.states() == {"t1": TaskState.DONE})
-    assert [offer.task.kind for offer in robot.offers][:2] == ["recharge", "visit"]
-    records = team.coordinator.tasks.journal
-    assert records.find(robot.offers[0].task.id).own
-
-
 def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     tired, fresh = team.robot("r1", 6.0), team.robot("r2", 8.5)
     tired.behavior = "recharge"
@@ -191,7 +147,33 @@ def test_a_robot_that_goes_home_of_its_own_accord_is_not_planned_with(team):
     assert offered(tired) == ["t2"]
 
 
-# -- told, recorded, decided again ----------------------------------------------------------------------------------
+@pytest.mark.parametrize("is_able_robot_out", [False, True])
+def test_a_task_that_no_robot_can_do_fails_after_a_while_without_a_deadline_or_an_able_robot(team, is_able_robot_out):
+    team.begin(None, PlanningPolicy(give_up_s=5.0))
+    worker = Worker(team.robot("r1", 3.5), remaining_j=0.101 * CAPACITY_J)
+    if is_able_robot_out:
+        team.robot("r2", 8.0).halted = True
+    team.closed_room()
+    team.run(1.0)
+    team.submit(visit("t", 8.5))
+    team.submit(visit("with-deadline", 8.5), deadline_in_s=60.0)
+    run(team, [worker], 4.0)
+    assert set(team.states().values()) == {TaskState.QUEUED}
+    run(team, [worker], 8.0)
+    is_kept = TaskState.QUEUED if is_able_robot_out else TaskState.FAILED
+    assert team.states() == {"t": is_kept, "with-deadline": TaskState.QUEUED}
+    assert [event.reason for event in team.heard if event.state is TaskState.FAILED] == (
+        [] if is_able_robot_out else [Plain("gave_up")]
+    )
+
+
+def test_what_a_robot_explores_is_called_off_for_a_task(team):
+    robot = team.explore()
+    explored = robot.task.id
+    team.submit(visit("t", 7.0))
+    team.run(0.5)
+    assert robot.task.id == "t"
+    assert [event.reason for event in team.heard if event.task.id == explored][-1] == needed_for("r1", "t")
 
 
 # -- the objective ----------------------------------------------------------------------------------------------
@@ -217,15 +199,6 @@ def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
     assert ears.asked()[-1].objective is Objective.MAKESPAN
     with pytest.raises(CallError, match="ObjectiveRequest"):
         team.asker.ask(plan_messages.COORDINATOR_OBJECTIVE, b'{"objective":"speed"}')
-
-
-def test_without_plans_the_nearest_idle_robot_is_taken(team, ears):
-    team.begin(None, PlanningPolicy(method="nearest"))
-    robot = team.settle()
-    team.submit(visit("t1"))
-    team.run(0.5)
-    assert offered(robot) == ["t1"]
-    assert ears.asked() == []
 
 
 @pytest.mark.parametrize(("visits", "iterations"), [(0, 40), (50, 40), (100, 20), (400, 5), (401, 5), (10_000, 5)])

@@ -59,7 +59,3 @@ def test_a_robot_that_tells_nothing_of_its_energy_is_taken_for_a_small_one() -> 
     job = jobs_of((SWEEP,), model=None)
     assert job.service_s == HANDLING_S + 2.0 + 2.0 * 8.0
     assert job.service_j == pytest.approx(30.0 * 8.0)
-
-
-def test_a_task_that_nobody_told_of_takes_its_service_time() -> None:
-    assert jobs_of(()).service_s == HANDLING_S

@@ -1,4 +1,4 @@
-"""Remedies for tasks that a plan leaves out: of fifty planted causes each is named first."""
+"""Remedies for tasks that a plan leaves out: each planted cause is named first."""
 
 import pytest
 
@@ -35,7 +35,7 @@ def dry_run(team, task, **times):
     return team.ask(TASK_DRY_RUN, TaskSubmission(task=task, **times), TaskDryRun)
 
 
-@pytest.mark.parametrize("x_m", [6.3 + 0.2 * step for step in range(12)])
+@pytest.mark.parametrize("x_m", [6.3, 7.3, 8.5])
 def test_low_battery_is_named(team, x_m):
     workers = [worker(team, remaining_j=0.1 * CAPACITY_J + 50.0)]
     team.closed_room()
@@ -48,7 +48,7 @@ def test_low_battery_is_named(team, x_m):
     assert first.ends_in_s > (x_m - 4.0) / 0.5
 
 
-@pytest.mark.parametrize("x_m", [6.3 + 0.2 * step for step in range(12)])
+@pytest.mark.parametrize("x_m", [6.3, 7.3, 8.5])
 def test_robot_that_is_not_there_is_named(team, x_m):
     workers = [worker(team), worker(team, "r2", x_m - 0.3)]
     team.closed_room()
@@ -61,7 +61,7 @@ def test_robot_that_is_not_there_is_named(team, x_m):
     assert (found.remedies[0].kind, found.remedies[0].name) == (RemedyKind.ROBOT, "r2")
 
 
-@pytest.mark.parametrize("service_s", [30.0 + 10.0 * step for step in range(14)])
+@pytest.mark.parametrize("service_s", [30.0, 160.0])
 def test_task_that_takes_long_is_named(team, service_s):
     workers = [worker(team)]
     team.closed_room()
@@ -75,7 +75,7 @@ def test_task_that_takes_long_is_named(team, service_s):
     assert found.remedies[0].ends_in_s < 20.0
 
 
-@pytest.mark.parametrize("x_m", [6.8 + 0.15 * step for step in range(12)])
+@pytest.mark.parametrize("x_m", [6.8, 8.45])
 def test_closed_path_is_named(team, x_m):
     workers = [worker(team)]
     team.closed_room()

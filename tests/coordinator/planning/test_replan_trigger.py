@@ -17,6 +17,7 @@ J_PER_M = 40.0
 USABLE_J = 50_000.0
 FULL_J = 100_000.0
 AREA_M2 = 100.0
+LIMIT_M2 = AREA_M2 * (1.0 + GROWN_SHARE)
 
 
 def energy(j_per_m: float = J_PER_M, usable_j: float = USABLE_J) -> EnergyModel:
@@ -39,103 +40,78 @@ def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> T
     return TaskRecord(task=Task(id=name, kind="visit", place=HOME), state=state, robot=robot)
 
 
-@pytest.fixture
-def has_changed() -> PlanInputs:
-    """Of a plan for r1 and the task t1, which r2 refused."""
-    return PlanInputs([record("t1")], {"r1": member()}, [("t1", "r2")], AREA_M2)
+def inputs(records=("t1",), members=None, pauses=(("t1", "r2"),), area_m2: float = AREA_M2) -> PlanInputs:
+    """Of a plan for r1 and the task t1, which r2 refused, unless said otherwise."""
+    records = [record(one) if isinstance(one, str) else one for one in records]
+    return PlanInputs(records, {"r1": member()} if members is None else members, pauses, area_m2)
 
 
-def since(
-    has_changed: PlanInputs, *, records=None, members=None, pauses=(("t1", "r2"),), area_m2=AREA_M2, left_out=0
-) -> str:
-    records = [record("t1")] if records is None else records
-    members = {"r1": member()} if members is None else members
-    return has_changed.cause(PlanInputs(records, members, pauses, area_m2), left_out=left_out)
-
-
-def test_as_long_as_all_is_as_it_was_there_is_no_news(has_changed):
-    assert since(has_changed) == ""
+def cause(before: PlanInputs, *, left_out: int = 0, **now) -> str:
+    return before.cause(inputs(**now), left_out=left_out)
 
 
 @pytest.mark.parametrize(
-    ("records", "told"),
+    ("now", "told"),
     [
-        ([record("t1"), record("t2")], "t2 is queued"),
-        ([], "t1 has ended"),
-        ([record("t1", TaskState.RUNNING, "r1")], "t1 is running"),
-        ([record("t1", TaskState.OFFERED, "r1")], "t1 is running"),
-        ([record(f"t{number}") for number in range(1, 5)], "t2 is queued, t3 is queued, t4 is queued"),
-        ([record(f"t{number}") for number in range(1, 6)], "t2 is queued, t3 is queued, t4 is queued and 1 more"),
+        ({}, ""),
+        ({"records": ["t1", "t2"]}, "t2 is queued"),
+        ({"records": []}, "t1 has ended"),
+        ({"records": [record("t1", TaskState.OFFERED, "r1")]}, "t1 is running"),
+        ({"records": [f"t{number}" for number in range(1, 6)]}, "t2 is queued, t3 is queued, t4 is queued and 1 more"),
+        ({"members": {"r1": member(), "r3": member(), "r0": member()}}, "r0 is there; r3 is there"),
+        ({"members": {"r2": member()}}, "r2 is there; r1 is out"),
+        ({"members": {"r1": member(offers=frozenset())}}, "r1 can do other things than before"),
+        ({"members": {"r1": member(chargers=(HOME,))}}, "r1 can do other things than before"),
+        ({"members": {"r1": member(free_ns=1)}}, "r1 can do other things than before"),
+        ({"pauses": ()}, "whether r2 may be asked for t1"),
+        ({"pauses": (("t1", "r2"), ("t1", "r1"))}, "whether r1 may be asked for t1"),
+        # A larger map counts only while a task is left out.
+        ({"area_m2": LIMIT_M2, "left_out": 1}, ""),
+        ({"area_m2": LIMIT_M2 + 1.0, "left_out": 1}, "the map has grown to 106 m²"),
+        ({"area_m2": LIMIT_M2 + 1.0}, ""),
     ],
 )
-def test_tasks_that_came_went_or_were_begun_are_news(has_changed, records, told):
-    assert since(has_changed, records=records) == told
+def test_what_has_changed_since_the_plan_is_told(now, told):
+    assert cause(inputs(), **now) == told
 
 
-def test_a_task_that_was_begun_as_planned_is_no_news(has_changed):
-    has_changed.begun("t1", "r1")
-    has_changed.begun("t9", "r1")
-    assert since(has_changed, records=[record("t1", TaskState.OFFERED, "r1")]) == ""
-    assert since(has_changed, records=[record("t1", TaskState.RUNNING, "r2")]) == "t1 is running"
-
-
-def test_robots_that_came_or_went_are_news(has_changed):
-    assert since(has_changed, members={"r1": member(), "r3": member(), "r0": member()}) == "r0 is there; r3 is there"
-    assert since(has_changed, members={}) == "r1 is out"
-    assert since(has_changed, members={"r2": member()}) == "r2 is there; r1 is out"
-
-
-@pytest.mark.parametrize("fields", [{"offers": frozenset()}, {"chargers": (HOME,)}, {"free_ns": 1}], ids=str)
-def test_a_robot_that_can_do_other_things_is_news(has_changed, fields):
-    assert since(has_changed, members={"r1": member(**fields)}) == "r1 can do other things than before"
-
-
-def test_a_robot_that_may_be_asked_again_or_no_more_is_news(has_changed):
-    assert since(has_changed, pauses=()) == "whether r2 may be asked for t1"
-    assert since(has_changed, pauses=(("t1", "r2"), ("t1", "r1"))) == "whether r1 may be asked for t1"
+def test_a_task_that_was_begun_as_planned_is_no_news():
+    before = inputs()
+    before.begun("t1", "r1")
+    before.begun("t9", "r1")
+    assert cause(before, records=[record("t1", TaskState.OFFERED, "r1")]) == ""
+    assert cause(before, records=[record("t1", TaskState.RUNNING, "r2")]) == "t1 is running"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_robot_whose_ways_have_become_dearer_or_cheaper_by_more_than_a_share_is_news(has_changed, sign):
+def test_costs_and_energy_that_have_changed_by_more_than_a_share_are_news(sign):
     limit = J_PER_M * (1.0 + sign * DEARER_SHARE)
-    assert since(has_changed, members={"r1": member(limit)}) == ""
+    assert cause(inputs(), members={"r1": member(limit)}) == ""
     beyond = limit + sign * 0.1
-    assert since(has_changed, members={"r1": member(beyond)}) == f"r1 takes {beyond:.1f} J a metre, and took 40.0 J"
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_robot_that_has_more_or_less_left_by_more_than_a_share_of_its_battery_is_news(has_changed, sign):
+    assert cause(inputs(), members={"r1": member(beyond)}) == f"r1 takes {beyond:.1f} J a metre, and took 40.0 J"
     limit = USABLE_J + sign * DRAINED_SHARE * FULL_J
-    assert since(has_changed, members={"r1": member(usable_j=limit)}) == ""
+    assert cause(inputs(), members={"r1": member(usable_j=limit)}) == ""
     beyond = limit + sign
-    assert since(has_changed, members={"r1": member(usable_j=beyond)}) == f"r1 has {beyond:.0f} J left, and had 50000 J"
+    assert cause(inputs(), members={"r1": member(usable_j=beyond)}) == f"r1 has {beyond:.0f} J left, and had 50000 J"
 
 
-def test_an_empty_battery_has_a_capacity_as_well(has_changed):
+def test_an_empty_battery_has_a_capacity_as_well():
     """What is left of 1 % tells what it would hold if full."""
     drained = member(usable_j=USABLE_J - 19.0)
     battery = msgspec.structs.replace(drained.state.battery, soc=0.0, remaining_j=10.0)
     drained = drained._replace(state=msgspec.structs.replace(drained.state, battery=battery))
-    assert since(has_changed, members={"r1": drained}) == ""
+    assert cause(inputs(), members={"r1": drained}) == ""
     drained = drained._replace(state=msgspec.structs.replace(drained.state, energy=energy(usable_j=USABLE_J - 21.0)))
-    assert since(has_changed, members={"r1": drained}) == "r1 has 49979 J left, and had 50000 J"
-
-
-def test_a_map_that_has_grown_is_news_only_while_a_task_is_left_out(has_changed):
-    limit_m2 = AREA_M2 * (1.0 + GROWN_SHARE)
-    assert since(has_changed, area_m2=limit_m2, left_out=1) == ""
-    assert since(has_changed, area_m2=limit_m2 + 1.0, left_out=1) == "the map has grown to 106 m²"
-    assert since(has_changed, area_m2=limit_m2 + 1.0) == ""
+    assert cause(inputs(), members={"r1": drained}) == "r1 has 49979 J left, and had 50000 J"
 
 
 def test_the_first_map_is_news():
-    before = PlanInputs([record("t1")], {"r1": member()}, [("t1", "r2")], 0.0)
-    assert since(before, area_m2=0.0) == ""
-    assert since(before, area_m2=3.0) == "the map has grown to 3 m²"
+    assert cause(inputs(area_m2=0.0), area_m2=0.0) == ""
+    assert cause(inputs(area_m2=0.0), area_m2=3.0) == "the map has grown to 3 m²"
 
 
 def test_without_tasks_only_who_is_there_is_news():
-    has_changed = PlanInputs([], {"r1": member()}, [], AREA_M2)
+    nothing = inputs([], pauses=())
     changed = {"r1": member(2 * J_PER_M, 0.5 * USABLE_J, free_ns=1)}
-    assert since(has_changed, records=[], members=changed, pauses=[("t1", "r1")], area_m2=9 * AREA_M2, left_out=1) == ""
-    assert since(has_changed, records=[], members={}) == "r1 is out"
+    assert cause(nothing, records=[], members=changed, pauses=[("t1", "r1")], area_m2=9 * AREA_M2, left_out=1) == ""
+    assert cause(nothing, records=[], members={}) == "r1 is out"

@@ -7,7 +7,6 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import sentence_of
 from tests.coordinator.rules.sensed_team import PLACE, SensedTeam, rule
 
 HELD = {"above": 26.0, "for_s": 8.0, "clear_at": 24.0}
@@ -55,25 +54,6 @@ def test_tasks_follow_from_readings(begin, fields, steps):
         assert len(sensed.made()) == count
 
 
-@pytest.mark.parametrize(
-    ("reading", "held"), [({"above": 26.0}, ""), ({"above": 26.0, "for_s": 0.5}, " for 1 s"), (HELD, " for 8 s")]
-)
-def test_the_reason_of_a_task_says_what_was_sensed_and_for_how_long(begin, reading, held):
-    sensed = begin(rule(reading=reading))
-    while not sensed.made():
-        sensed.senses(27.0, every_s=0.6)
-    text = sentence_of(first_reason(sensed, sensed.made()[0]))
-    assert text == f"rule heat: m1 sensed temperature_c 27, above 26{held}, 0.0 s before"
-
-
-def test_a_mote_that_was_silent_meanwhile_has_not_held_the_threshold(begin):
-    sensed = begin(rule(reading=HELD))
-    sensed.senses(27.0)
-    sensed.team.run(20.0)
-    sensed.senses(27.0)
-    assert sensed.made() == []
-
-
 def test_cooldown_keeps_a_plume_from_making_a_task_at_each_mote(begin):
     sensed = begin(rule(cooldown_s=60.0, max_open=100))
     for number in range(1, 21):
@@ -82,16 +62,6 @@ def test_cooldown_keeps_a_plume_from_making_a_task_at_each_mote(begin):
     sensed.team.run(60.0)
     sensed.senses(27.0, 27.0, mote="m7", every_s=0.5)  # still so, and not told yet
     assert len(sensed.made()) == 2
-
-
-def test_no_more_tasks_are_open_than_allowed(begin):
-    sensed = begin(rule(cooldown_s=0.0, max_open=2))
-    for number in range(1, 6):
-        sensed.senses(27.0, mote=f"m{number}")
-    assert len(sensed.made()) == 2
-    sensed.team.ask(TASK_CANCEL, TaskRequest(id=sensed.made()[0].task.id))
-    sensed.senses(27.0, mote="m5")
-    assert len(sensed.made()) == 3
 
 
 def test_one_rule_for_the_team_waits_until_all_motes_are_clear(begin):
@@ -128,12 +98,6 @@ def test_rate_of_rise_makes_a_task_and_slow_warming_does_not(begin):
     assert reason.values["comparison"] == "rising_per_min"
 
 
-def test_two_readings_are_not_enough_for_a_rate(begin):
-    sensed = begin(rule(reading={"rising_per_min": 6.0, "over_s": 20.0}))
-    sensed.senses(20.0, 40.0, every_s=18.0, period_s=18.0)
-    assert sensed.made() == []
-
-
 @pytest.mark.parametrize("restarts", [False, True])
 @pytest.mark.parametrize("number", [{}, {"sequence": None}], ids=["numbered", "without a number"])
 def test_repeated_readings_count_once_also_after_a_restart(begin, number, restarts):
@@ -150,15 +114,6 @@ def test_repeated_readings_count_once_also_after_a_restart(begin, number, restar
     assert len(sensed.made()) == 1
 
 
-def test_a_repetition_by_another_clock_does_not_extend_the_time(begin):
-    sensed = begin(rule(reading={"above": 26.0, "for_s": 4.0}))
-    reading = sensed.sense(27.0)
-    sensed.team.run(5.0)
-    sensed.again(reading, via="r2", measured_ns=reading.measured_ns + to_ns(4.5))
-    sensed.team.run(1.0)
-    assert sensed.made() == []
-
-
 def test_stored_readings_of_long_ago_make_no_task(begin):
     sensed = begin(rule(reading={"above": 26.0, "max_age_s": 30.0}))
     sensed.team.run(100.0)
@@ -167,34 +122,6 @@ def test_stored_readings_of_long_ago_make_no_task(begin):
     assert sensed.made() == []
     sensed.senses(30.0, age_s=29.0)
     assert len(sensed.made()) == 1
-
-
-def test_a_late_reading_does_not_arm_the_rule_again(begin):
-    sensed = begin(rule(cooldown_s=0.0, max_open=10))
-    sensed.senses(27.0)
-    sensed.senses(20.0, age_s=10.0)  # from before the alarm
-    sensed.senses(27.0)
-    assert len(sensed.made()) == 1
-
-
-def test_late_readings_fill_the_time_in_which_the_mote_was_not_heard(begin):
-    sensed = begin(rule(reading=HELD))
-    sensed.team.run(40.0)
-    sensed.senses(27.0, age_s=20.0, every_s=0.1)
-    sensed.senses(27.0, every_s=0.1)
-    assert sensed.made() == []
-    for age_s in (5.0, 15.0, 10.0):  # out of order
-        sensed.senses(27.0, age_s=age_s, every_s=0.0)
-    sensed.team.run(0.2)
-    assert len(sensed.made()) == 1
-
-
-def test_a_late_reading_shows_that_the_threshold_was_not_held(begin):
-    sensed = begin(rule(reading=HELD))
-    sensed.senses(27.0, 27.0, 27.0, 27.0)
-    sensed.senses(20.0, age_s=3.0, every_s=0.1)
-    sensed.senses(27.0)
-    assert sensed.made() == []
 
 
 def test_only_the_named_motes_robots_and_area_count(begin):

@@ -10,7 +10,7 @@ import pytest
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, unknown_names
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -116,37 +116,6 @@ def test_a_circle_of_tasks_that_wait_for_each_other_is_refused() -> None:
     assert why(visit(id="d", after=("b", "c")), others=others) == ""
 
 
-def test_times_may_be_given_from_now_on() -> None:
-    asked = TaskSubmission(task=visit(priority=2.0), earliest_in_s=1.5, deadline_in_s=60.0)
-    task = asked.task_at(NOW_NS)
-    assert (task.earliest_ns, task.deadline_ns) == (NOW_NS + to_ns(1.5), NOW_NS + to_ns(60.0))
-    assert (task.id, task.priority, task.place) == ("t1", 2.0, Point2D(1.0, 1.0))
-    assert TaskSubmission(task=task).task_at(NOW_NS) is task
-
-
-@pytest.mark.parametrize(
-    ("times", "named"),
-    [
-        ({"deadline_in_s": -1.0}, "deadline_in_s"),
-        ({"earliest_in_s": float("inf")}, "earliest_in_s"),
-        ({"earliest_in_s": 5.0, "deadline_in_s": 4.0}, "deadline_ns after earliest_ns"),
-    ],
-)
-def test_times_that_make_no_sense_are_named(times, named: str) -> None:
-    with pytest.raises((ValueError, msgspec.ValidationError), match=named):
-        TaskSubmission(task=visit(), **times).task_at(NOW_NS)
-
-
-def test_the_difference_of_two_submissions_is_told_field_by_field() -> None:
-    one = TaskSubmission(task=visit(priority=2.0, needs=("camera",)), deadline_in_s=5.0)
-    other = TaskSubmission(task=visit(1.0, 2.0), by="somebody else")
-    assert one.differs_from(one.word) == ""
-    assert other.differs_from(one.word) == (
-        'deadline_in_s is 5.0, not unset, needs is ["camera"], not unset, place.y_m is 1.0, not 2.0,'
-        " priority is 2.0, not unset"
-    )
-
-
 MOTES = {"m1": "radiation_usv"}
 CHARGERS = [Point2D(1.0, 2.0)]
 
@@ -173,9 +142,3 @@ def test_task_that_names_what_the_team_does_not_have_is_refused(kind: str, field
     task = Task(**{"id": "t1", "kind": kind, "place": Point2D(1.0, 1.0), **fields})
     assert unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS).startswith(words)
     assert bool(words) == bool(unknown_names(task, {"t8"}, lambda: MOTES, lambda: CHARGERS))
-
-
-def test_any_mote_and_charger_may_be_there_before_one_is_known() -> None:
-    collect = Task(id="t1", kind="collect", place=Point2D(1.0, 1.0), parameters={"mote": "m9"})
-    recharge = Task(id="t1", kind="recharge", place=Point2D(1.0, 1.0))
-    assert [unknown_names(task, (), dict, list) for task in (collect, recharge)] == ["", ""]

@@ -8,7 +8,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import Refused, RobotReason, halted, lacks_plugins, no_path
+from robrain.protocol.reasons import OutOfReach, Refused, RobotReason, lacks_plugins, no_path
 
 
 def task(name: str, x_m: float, submitted_ns: int = 0, **fields) -> TaskRecord:
@@ -54,12 +54,6 @@ def test_no_robot_gets_two_tasks_and_no_task_two_robots() -> None:
     assert dispatch(ready, robots, free) == [("t1", "r1"), ("t2", "r2")]
 
 
-def test_a_task_that_nobody_idle_can_do_does_not_hold_up_the_next() -> None:
-    ready = [task("dear", 0.0, priority=9.0), task("plain", 0.0)]
-    found = dispatch(ready, [robot("r1", 0.0)], lambda one, _robot: halted() if one.task.id == "dear" else None)
-    assert found == [("plain", "r1")]
-
-
 def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     backoff = TaskPauses()
     now_ns, pauses = 0, []
@@ -73,3 +67,5 @@ def test_who_refused_is_asked_again_after_growing_pauses() -> None:
     assert pauses == [2.0, 4.0, 8.0, 16.0, 32.0, LONGEST_PAUSE_S, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
     assert backoff.pause_reason("t1", "r2", 0) is None
     assert backoff.pause_reason("t2", "r1", 0) is None
+    backoff.record("t2", "r1", OutOfReach(Point2D(1.0, 2.0)), 0)  # each try takes the robot out of contact
+    assert backoff.pause_reason("t2", "r1", to_ns(LONGEST_PAUSE_S) - 1) is not None

@@ -19,14 +19,19 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
+    Gone,
     LeaseRanOut,
     NeedsEnergy,
+    NoState,
     Occupied,
     OfferRefusal,
     PlainReason,
     PositionLost,
     Refused,
     RobotHalted,
+    RobotReason,
+    halted,
+    lacks_plugins,
     plain,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -251,24 +256,6 @@ def test_want_of_energy_is_the_last_word_of_a_robot_that_has_no_more_after_a_cha
     assert desk.stands()[0] is state
 
 
-def test_offer_that_is_answered_at_once_says_why_it_was_refused(desk: Desk) -> None:
-    desk.add("t1")
-    desk.add("t2")
-    desk.tasks.offer("t1", "r1", NOW_NS)
-    desk.mail.answer(0, NO)
-    assert desk.tasks.offer("t2", "r2", NOW_NS) is None  # it was the other that was refused
-    assert desk.stands("t1") == (TaskState.QUEUED, "")
-    at_once = desk.mail.offer
-    for why, told in (("no way there", "no way there"), ("", "it does not say why")):
-
-        def refuse(record: TaskRecord, after: str, why: str = why) -> None:
-            at_once(record, after)
-            desk.mail.answer(-1, TaskAnswer(accepted=False, why=why))
-
-        desk.mail.offer = refuse
-        assert desk.tasks.offer("t1", "r1", NOW_NS) == PlainReason(told)
-
-
 def test_task_of_the_coordinators_own_that_is_refused_ends_and_is_told_and_anothers_is_not(desk: Desk) -> None:
     desk.add("e1", own=True)
     desk.add("t1")
@@ -323,14 +310,6 @@ def test_held_task_that_was_called_off_is_withdrawn_with_the_reason(desk: Desk) 
     assert desk.mail.withdrawn == [("r1", TaskWithdrawal(id="t2", epoch=epoch, why="ann does not want it"))]
 
 
-def test_robot_that_is_not_there_or_at_nothing_is_told_nothing(desk: Desk) -> None:
-    desk.say("r1", at("t7", 3))
-    desk.clock.advance_to(NOW_NS + to_ns(2.0))
-    desk.say("r2")
-    desk.tasks.withdraw_strays(desk.clock.now_ns())
-    assert desk.mail.withdrawn == []
-
-
 # -- the book ---------------------------------------------------------------------------------------------------
 
 
@@ -340,12 +319,6 @@ def test_deadline_is_passed_only_after_it(desk: Desk) -> None:
     assert desk.stands()[0] is TaskState.QUEUED
     desk.tasks.settle(NOW_NS + 1)
     assert (desk.stands()[0], desk.book.find("t1").why) == (TaskState.FAILED, "its deadline has passed")
-
-
-def test_task_of_the_coordinators_own_that_was_offered_to_nobody_ends(desk: Desk) -> None:
-    desk.add("e1", own=True)
-    desk.tasks.settle(NOW_NS)
-    assert (desk.stands("e1")[0], desk.book.find("e1").why) == (TaskState.CANCELLED, "it was offered to nobody")
 
 
 def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_stop_is(desk: Desk) -> None:
@@ -361,9 +334,48 @@ def test_robot_that_failed_is_not_asked_again_at_once_and_one_that_was_told_to_s
         assert desk.tasks.receive("r1", status, NOW_NS) is None
 
 
-def test_held_task_that_is_refused_when_its_turn_comes_is_not_asked_again_at_once(desk: Desk) -> None:
-    desk.add("t2")
-    desk.tasks.offer("t2", "r1", NOW_NS, after="t1")
-    status = TaskStatus(id="t2", epoch=desk.mail.asked[0][0].epoch, state=TaskState.CANCELLED, why="no way")
-    desk.tasks.receive("r1", status, NOW_NS)
-    assert desk.tasks.backoff.pause_reason("t2", "r1", NOW_NS) == Refused(PlainReason("no way"))
+# -- who is asked, and whose words count against it -----------------------------------------------------------------
+
+
+def refusal(desk: Desk, robot: str = "r1", now_ns: int = NOW_NS) -> RobotReason | None:
+    record = desk.book.find("t1")
+    assert record is not None
+    return desk.tasks.eligibility.refusal(record, desk.roster.robots[robot], now_ns)
+
+
+def test_robot_that_is_silent_halted_gone_or_lacks_the_plugin_is_not_asked(desk: Desk) -> None:
+    desk.add()
+    assert refusal(desk) is None
+    assert refusal(desk, now_ns=NOW_NS + to_ns(0.8)) is None
+    assert refusal(desk, now_ns=NOW_NS + to_ns(1.5)) == Plain("lost_contact", silent_s=1.5)
+    desk.tasks.capabilities.plugins["r1"] = frozenset({"explore"})
+    assert refusal(desk) == lacks_plugins(("visit",))
+    desk.tasks.capabilities.plugins["r1"] = None  # it may have any
+    assert refusal(desk) is None
+    desk.roster.record_state(RobotState(robot="r1", halted=True), NOW_NS)
+    assert (refusal(desk), refusal(desk, "r2")) == (halted(), None)
+    desk.roster.record_presence(Change({"robot": "r1"}, False))
+    assert refusal(desk) == Gone()
+    desk.roster.robots["r1"].received_ns = None
+    assert refusal(desk) == NoState()
+
+
+def test_only_a_held_task_that_is_called_off_before_its_turn_counts_as_refused(desk: Desk) -> None:
+    def cancelled(task_id: str) -> RobotReason | None:
+        record = desk.book.find(task_id)
+        assert record is not None
+        status = TaskStatus(id=task_id, epoch=record.epoch, state=TaskState.CANCELLED, why="no way")
+        desk.tasks.receive("r1", status, NOW_NS)
+        return desk.tasks.backoff.pause_reason(task_id, "r1", NOW_NS)
+
+    for name in ("first", "held", "begun", "offered"):
+        desk.add(name)
+    desk.tasks.offer("first", "r1", NOW_NS)
+    desk.tasks.offer("held", "r1", NOW_NS, after="first")
+    assert cancelled("first") is None
+    assert cancelled("held") == Refused(PlainReason("no way"))
+    desk.tasks.offer("begun", "r1", NOW_NS, after="t0")
+    desk.book.move("begun", TaskState.RUNNING)
+    assert cancelled("begun") is None
+    desk.book.offered("offered", "r1")  # the robot's answer is still on its way
+    assert cancelled("offered") is None

@@ -97,18 +97,6 @@ def test_what_waits_for_the_last_task_or_may_not_begin_yet_is_not_offered_ahead(
     assert offered(robot)[2:] == [("c", "")]
 
 
-def test_a_robot_that_explores_is_not_asked_to_end_that_first(team):
-    robot = DeskRobot(team, "r1", 6.0)
-    robot.takes_s = 20.0
-    team.hall()
-    team.run(1.0)
-    assert robot.offers[-1].task.kind == "explore"
-    team.submit(visit("a", 5.0))
-    team.run(0.2)
-    assert offered(robot)[-1] == ("a", "")
-    assert robot.running == "a"
-
-
 # -- ends before its time -------------------------------------------------------------------------------------------
 
 
@@ -122,14 +110,6 @@ def test_a_held_task_that_is_called_off_is_never_begun(team, robot):
     assert (robot.begun, team.states()) == (["a"], {"a": DONE, "b": TaskState.CANCELLED})
 
 
-def test_when_the_last_task_is_called_off_the_next_is_begun(team, robot):
-    until_held(team, robot)
-    team.ask(TASK_CANCEL, TaskRequest(id="a"))
-    team.run(0.5)
-    assert robot.running == "b"
-    assert team.states() == {"a": TaskState.CANCELLED, "b": RUNNING}
-
-
 def test_a_held_task_that_is_refused_when_its_turn_comes_goes_to_another(team, robot):
     robot.refuses = {"b"}
     until_held(team, robot)
@@ -138,30 +118,6 @@ def test_a_held_task_that_is_refused_when_its_turn_comes_goes_to_another(team, r
     assert robot.begun == ["a"]
     assert other.begun == ["b"]
     assert "no way there" in [event.why for event in team.heard if event.state is TaskState.QUEUED]
-
-
-def test_what_cannot_be_held_is_asked_again_once_the_robot_is_free(team, robot):
-    held = robot.desk.offer
-    one_after_the_other(team)
-    robot.desk.offer = lambda offer, now_ns: NOT_NOW if offer.after else held(offer, now_ns)
-    team.run(3.5)
-    assert offered(robot) == [("a", ""), ("b", "a")]
-    assert team.states() == {"a": RUNNING, "b": TaskState.QUEUED}
-    robot.desk.offer = held
-    team.run(0.5)
-    assert offered(robot) == [("a", ""), ("b", "a"), ("b", "")]
-    assert robot.running == "b"
-
-
-def test_a_halted_robot_gives_both_back(team, robot):
-    until_held(team, robot)
-    robot.halted = True
-    team.run(3.0)
-    assert team.states() == {"a": TaskState.QUEUED, "b": TaskState.QUEUED}
-    robot.halted = False
-    team.run(12.0)
-    assert team.states() == {"a": DONE, "b": DONE}
-    assert sorted(robot.done) == ["a", "b"]
 
 
 def test_a_silent_robot_has_neither_after_the_lease_and_another_does_both(team, robot):
@@ -218,12 +174,3 @@ def test_a_coordinator_that_was_away_while_one_followed_the_other_hears_of_both(
     team.run(0.2)
     assert team.states() == {"a": DONE, "b": RUNNING}
     assert robot.withdrawals == []
-
-
-def test_one_that_knows_nothing_any_more_has_both_withdrawn(team, robot):
-    until_held(team, robot)
-    team.begin(None)
-    team.run(0.5)
-    assert {withdrawal.id for withdrawal in robot.withdrawals} == {"a", "b"}
-    assert (robot.running, robot.next) == ("", "")
-    assert robot.done == []

@@ -42,7 +42,7 @@ def test_each_robots_answer_comes_when_it_comes(wire: Endpoint, monkeypatch: pyt
     for name, answer in answers.items():
         wire.answer(ROBOT_OFFER, lambda _request, answer=answer: answer, robot=name)
     wire.answer(ROBOT_OFFER, fails, robot="r3")
-    offers = Offers(wire, 1.5)
+    offers = Offers(wire)
     for robot in ("stopped", "r1", "r2", "r3", "gone"):
         offers.offer(record(robot), "")
     offers.withdraw("stopped", TaskWithdrawal(id="t", epoch=2))
@@ -65,7 +65,7 @@ def test_a_robot_that_never_answers_has_said_nothing_and_is_listened_for_no_long
     wire: Endpoint, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robrain.coordinator.tasks.task_lifecycle.ASK_TIMEOUT_S", 0.1)
-    offers = Offers(wire, 1.5)
+    offers = Offers(wire)
     offers.offer(record("stopped"), "")
     offers.withdraw("stopped", TaskWithdrawal(id="t", epoch=2))
     found = []

@@ -131,8 +131,6 @@ def test_a_robot_is_told_to_stop_what_nobody_wants_of_it() -> None:
     assert strays(robot(0.0, old), [record(TaskState.RUNNING)], to_ns(9.0)) == []
 
 
-# -- the next task -------------------------------------------------------------------------------------------------
-
 OTHER = status(task_id="t0", epoch=6)
 HELD = status(TaskState.OFFERED)
 

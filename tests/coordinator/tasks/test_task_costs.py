@@ -103,13 +103,6 @@ def test_what_was_known_holds_until_a_new_type_of_robot_has_answered(team: Team)
     assert team.costs.of(sweep(1)) == (Work(wait_s=7.0), Work(wait_s=9.0))
 
 
-def test_robots_whose_behavior_has_other_settings_are_asked_as_well(team: Team) -> None:
-    team.robot("r1", sweep=1)
-    team.robot("r2", sweep=2)
-    team.follow(sweep(1))
-    assert sorted(team.asked) == [("r1", ["s1"]), ("r2", ["s1"])]
-
-
 def test_a_silent_robot_is_passed_by_and_without_any_answer_the_task_waits_no_longer(team: Team) -> None:
     team.robot("r1", sweep=1)
     team.robot("r2", sweep=1)
@@ -125,19 +118,6 @@ def test_a_silent_robot_is_passed_by_and_without_any_answer_the_task_waits_no_lo
     team.follow(sweep(1))
     assert team.costs.of(sweep(1)) == ()
     assert not team.costs.is_waiting
-
-
-def test_a_task_that_nobody_announces_is_not_waited_for(team: Team) -> None:
-    team.follow(sweep(1))
-    assert team.costs.of(sweep(1)) == ()
-    assert team.asked == []
-
-
-def test_a_robot_that_cannot_tell_says_nothing_of_the_cost(team: Team) -> None:
-    team.robot("r1", sweep=1)
-    team.told["s1"] = TaskCost(id="s1", wait_s=3.0, why="a task to sweep needs side_m")
-    team.follow(sweep(1))
-    assert team.costs.of(sweep(1)) == ()
 
 
 def test_answers_that_nobody_asked_for_are_not_believed(team: Team) -> None:

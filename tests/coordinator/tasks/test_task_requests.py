@@ -8,10 +8,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
     TASK_EXPLAIN,
     TASK_GET,
-    TASK_LIST,
     TaskExplanation,
-    TaskFilter,
-    TaskRecord,
     TaskRequest,
 )
 from robrain.protocol.model.geometry import Point2D
@@ -74,9 +71,6 @@ def test_what_can_never_be_done_is_refused_at_once(team):
     team.settle()
     for task, words in (
         (visit(x_m=-3.0), "task t1 is refused: (-3, 4) is outside of the map"),
-        (visit(y_m=1.95), "task t1 is refused: (6, 1.95) is in a wall"),
-        (visit(needs=("arm",)), "task t1 is refused: no robot of the team has arm"),
-        (visit(deadline_ns=1), "task t1 is refused: its deadline was"),
         (visit(after=("t1",)), "task t1 is refused: it would wait for itself"),
         (visit(after=("t9",)), "task t1 is refused: it is to wait for task t9, and there is none of that name"),
     ):
@@ -132,13 +126,6 @@ def test_that_nobody_can_do_a_task_is_told_when_it_turns_out_and_not_tried(team)
 # -- cancel ---------------------------------------------------------------------------------------------------
 
 
-def test_a_queued_task_is_cancelled_with_who_and_why(team):
-    team.submit(visit())
-    record = team.ask(TASK_CANCEL, TaskRequest(id="t1", by="ann", why="too late"))
-    assert (record.state, record.why) == (TaskState.CANCELLED, "cancelled by ann: too late")
-    assert team.ask(TASK_CANCEL, TaskRequest(id="t1")) == record  # again, the same
-
-
 def test_a_running_task_is_withdrawn_from_its_robot(team):
     robot = team.settle()
     team.submit(visit())
@@ -167,23 +154,6 @@ def test_what_has_ended_or_never_was_cannot_be_cancelled(team):
 
 
 # -- list, get, why -------------------------------------------------------------------------------------------
-
-
-def test_tasks_are_listed_as_they_are_asked_for(team):
-    team.robot("r1")
-    team.hall()
-    team.submit(visit("a"))
-    team.submit(visit("b", x_m=7.0), by="ann")
-    team.run(1.0)
-
-    def names(**wanted):
-        return [record.task.id for record in team.ask(TASK_LIST, TaskFilter(**wanted), list[TaskRecord])]
-
-    assert names() == ["a", "b"]
-    assert names(by="ann") == ["b"]
-    assert names(states=[TaskState.RUNNING]) == ["a"]
-    assert names(robot="r1", kinds=["visit"]) == ["a"]
-    assert team.asker.ask(TASK_LIST)[0].task.id == "a"
 
 
 def test_why_says_how_each_robot_was_judged_and_what_happened(team):
@@ -237,6 +207,7 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
     robot = team.settle()
     team.submit(visit("before"))
     team.run(0.5)
+    team.submit(visit("late"), earliest_in_s=2.0, deadline_in_s=3.0)
     journal = team.coordinator.tasks.journal
 
     def full(*_arguments):
@@ -250,12 +221,15 @@ def test_on_a_full_disk_new_tasks_are_refused_and_the_rest_goes_on(team, monkeyp
         assert "disk is full" in error.message
         robot.end(TaskState.DONE)
         team.run(5.0)
-        assert team.states() == {"before": TaskState.RUNNING}  # what is not written is not told either
+        assert team.states() == {
+            "before": TaskState.RUNNING,
+            "late": TaskState.QUEUED,
+        }  # what is not written is not told either
         assert team.history("before")[-1] is TaskState.RUNNING
         assert len([one for one in caplog.records if "disk is full" in one.getMessage()]) == 1
         assert team.summary.robots[0].up
     team.run(0.3)
-    assert team.states() == {"before": TaskState.DONE}
+    assert team.states() == {"before": TaskState.DONE, "late": TaskState.FAILED}
     assert team.submit(visit("new")).state is TaskState.QUEUED
 
 

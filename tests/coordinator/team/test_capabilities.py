@@ -52,14 +52,6 @@ def desk():
         desk.wire.close()
 
 
-def test_plugins_of_a_robot_are_known_once_it_was_asked(desk):
-    desk.robot("r1")
-    assert desk.follow(0.0)
-    assert desk.capabilities.plugins == {"r1": frozenset({"visit"})}
-    assert not desk.follow(1.0)
-    assert desk.asked["r1"] == 1
-
-
 def test_robot_whose_state_says_that_its_plugins_have_changed_is_asked_at_once(desk):
     robot = desk.robot("r1", loaded=7)
     desk.follow(0.0)

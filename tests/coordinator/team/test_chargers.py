@@ -46,14 +46,6 @@ def homes():
         homes.wire.close()
 
 
-def test_robot_tells_of_its_chargers_and_where_it_started(homes):
-    homes.robot("r1")
-    homes.follow(0.0)
-    homes.follow(0.5)
-    assert [charger.place for charger in homes.known.of["r1"]] == [Point2D(3.0, 4.0)]
-    assert homes.known.home["r1"] == Point2D(5.0, 6.0)
-
-
 def test_large_team_is_asked_in_turns_so_that_no_step_is_long(homes):
     for number in range(2 * ASKED_MAX + 5):
         homes.robot(f"r{number}")
@@ -80,23 +72,6 @@ def test_robot_that_does_not_answer_is_asked_ever_less_often(homes):
     assert [at_s for at_s, function in asked_s if function == "start"] == [0, 2, 6, 14, 30, 62, 122, 182, 242]
     assert homes.known.of == {}
     assert homes.known.home["r1"] == Point2D(1.0, 2.0), "where it was first seen"
-
-
-def test_silent_robot_that_comes_again_is_asked_as_often_as_at_first(homes):
-    homes.robots["r1"] = Point2D(1.0, 2.0)
-    asked_s = []
-    homes.known._wire.ask_into = lambda *_, function, **__: asked_s.append(at_s)
-    for at_s in range(40):
-        if at_s == 31:
-            homes.known.came("r1")
-        homes.follow(at_s)
-    assert sorted(set(asked_s)) == [0, 2, 6, 14, 30, 31, 33, 37]
-
-
-def test_robot_that_has_answered_is_asked_again_every_thirty_seconds(homes):
-    homes.robot("r1")
-    asked_s = [at_s for at_s in range(100) if homes.follow(at_s)]
-    assert asked_s == [0, 2, 32, 62, 92]
 
 
 def test_only_a_robot_with_a_home_is_asked_and_one_that_has_none_any_more_has_no_chargers(homes):

@@ -1,10 +1,10 @@
 import pytest
 
-from robrain.coordinator.team.roster import FORGET_UNSEEN_NS, ROBOTS_MAX, ROBOTS_UNSEEN_MAX, Roster
+from robrain.coordinator.team.roster import FORGET_UNSEEN_NS, ROBOTS_MAX, ROBOTS_UNSEEN_MAX, Roster, StaleTopics
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.model.tasks.task import LOST_AFTER_S, TaskState
-from robrain.protocol.reasons import Gone, NoState
+from robrain.protocol.reasons import NoState, TopicStale
 from robrain.protocol.wire.presence import Change
 from tests.plain_reason import Plain
 
@@ -25,23 +25,6 @@ def says(roster, name, at_s, **fields):
 
 def names_up(roster, at_s):
     return [robot.name for robot in roster.up(to_ns(at_s))]
-
-
-def test_a_robot_with_a_token_that_speaks_is_up():
-    roster = Roster()
-    comes(roster, "r1")
-    says(roster, "r1", 1.0)
-    assert names_up(roster, 1.5) == ["r1"]
-    assert roster.robots["r1"].down_reason(to_ns(1.5)) is None
-
-
-def test_robots_are_told_by_name():
-    roster = Roster()
-    for name in ("r2", "r10", "a"):
-        comes(roster, name)
-        says(roster, name, 0.0)
-    assert names_up(roster, 0.0) == ["a", "r10", "r2"]
-    assert [summary.name for summary in roster.summaries(0)] == ["a", "r10", "r2"]
 
 
 @pytest.mark.parametrize("order", [(comes, says), (says, comes)])
@@ -91,16 +74,6 @@ def test_a_robot_that_falls_silent_is_not_counted_on_though_its_token_is_there()
     assert names_up(roster, 4.0) == ["r1"]
 
 
-def test_a_robot_whose_token_went_is_gone():
-    roster = Roster()
-    comes(roster, "r1")
-    says(roster, "r1", 1.0)
-    goes(roster, "r1")
-    assert names_up(roster, 1.0) == []
-    (summary,) = roster.summaries(to_ns(1.0))
-    assert (summary.out, summary.why) == (Gone(), "gone")
-
-
 def test_a_summary_says_what_the_robot_last_said():
     roster = Roster()
     comes(roster, "r1")
@@ -116,3 +89,43 @@ def test_a_task_that_has_ended_is_not_in_the_summary(state):
     roster = Roster()
     says(roster, "r1", 0.0, task=TaskStatus(id="explore-1", epoch=4, state=state))
     assert roster.summaries(0)[0].task == ""
+
+
+@pytest.fixture
+def two():
+    one = Roster()
+    for name in ("r1", "r2"):
+        comes(one, name)
+        says(one, name, 1.0)
+    return one
+
+
+def test_robot_whose_state_is_older_than_three_periods_is_named_until_it_speaks_again(two):
+    watch = StaleTopics(two)
+    assert not watch.check(to_ns(1.3))
+    assert watch.found == []
+    says(two, "r2", 1.35)
+    assert watch.check(to_ns(1.41))
+    assert watch.found == [TopicStale("robot_state", "r1", 0.41, 0.3)]
+    assert str(watch.found[0]) == "robot_state of r1 is 0.4 s old, more than 0.3 s"
+    assert not watch.check(to_ns(1.52))
+    assert watch.found[0].age_s == 0.52
+    says(two, "r1", 1.6)
+    assert watch.check(to_ns(1.63))
+    assert watch.found == []
+
+
+def test_robot_that_is_not_counted_on_any_more_is_told_at_once_and_once(two):
+    watch = StaleTopics(two)
+    assert watch.check(to_ns(1.5))
+    assert not watch.check(to_ns(1.79))
+    assert watch.check(to_ns(1.91))
+    assert not watch.check(to_ns(2.1))
+
+
+def test_robot_that_has_left_or_has_not_spoken_yet_is_not_stale(two):
+    comes(two, "r3")
+    goes(two, "r2")
+    watch = StaleTopics(two)
+    watch.check(to_ns(5.0))
+    assert [found.sender for found in watch.found] == ["r1"]
