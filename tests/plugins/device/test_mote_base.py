@@ -1,8 +1,6 @@
 """The base station as a device: counting, flooding, and lines that are not there."""
 
-import os
 import socket
-import tty
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -12,7 +10,6 @@ from robrain.protocol.backoff import Backoff
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
-from robrain.protocol.tinyos.serial_line import Deframer, frame
 from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
@@ -41,16 +38,6 @@ def test_what_the_robot_sends_goes_on_the_air_in_tinyos_own_format(stage):
     assert counters(one)["sent"] == 1
 
 
-def test_more_packets_than_may_wait_drop_the_oldest_and_are_counted(stage):
-    one = stage()
-    one.host("snw_exploration", mote_base={"inbox_packets": 100, "flood_packets_s": 1000})
-    one.run(0.02)
-    for _ in range(300):
-        one.radio(PACKET)
-    one.run(0.2)
-    assert (counters(one)["packets"], counters(one)["dropped"]) == (100, 200)
-
-
 def test_a_base_that_floods_is_named_and_the_robot_goes_on_listening_to_some(stage):
     one = stage()
     one.host("snw_exploration", mote_base={"flood_packets_s": 100, "flood_fault_s": 0.0})
@@ -67,29 +54,6 @@ def test_a_base_that_floods_is_named_and_the_robot_goes_on_listening_to_some(sta
     assert one.infos()["mote_base"].state == "active"
     assert one.infos()["snw_exploration"].state == "active"
     assert len(states.drain()) >= 49  # the state goes out at 10 Hz all the same
-
-
-def test_the_end_of_a_flood_is_told_and_what_comes_then_is_heard(stage):
-    one = stage()
-    one.host("snw_exploration", mote_base={"flood_packets_s": 100})
-    events = one.inbox(ROBOT_EVENT)
-    one.run(2.0, each=lambda: flood(one, 5000))
-    one.run(3.0)
-    assert [trouble["kind"] for trouble in troubles(events)] == ["flood", "flood_over"]
-    before = counters(one)["packets"]
-    one.radio(PACKET)
-    one.run(0.1)
-    assert counters(one)["packets"] == before + 1
-    assert not counters(one)["flooding"]
-
-
-def test_as_many_packets_as_are_allowed_are_no_flood(stage):
-    one = stage()
-    one.host("snw_exploration", mote_base={"flood_packets_s": 200})
-    events = one.inbox(ROBOT_EVENT)
-    one.run(5.0, each=lambda: flood(one, 150))
-    assert troubles(events) == []
-    assert (counters(one)["muted"], counters(one)["dropped"]) == (0, 0)
 
 
 @pytest.mark.slow
@@ -216,13 +180,6 @@ def test_over_tcp_packets_go_both_ways(stage, forwarders):
     assert forwarder.read(1 + len(SENT)) == bytes([len(SENT)]) + SENT
 
 
-def test_a_packet_that_comes_with_the_greeting_is_heard_once(stage, forwarders):
-    one, _ = start_with(stage, forwarders(greeting=b"U \x10" + READING))
-    pass_until(one, lambda: counters(one)["packets"])
-    one.run(0.5)
-    assert counters(one)["packets"] == 1
-
-
 class Clogged:
     """A connection to a forwarder that greets and then takes nothing any more."""
 
@@ -279,117 +236,3 @@ def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
     pass_until(one, lambda: counters(one)["packets"] == 1)
     assert counters(one)["line"]["reconnects"] == 1
     assert one.infos()["mote_base"].state == "active"
-
-
-def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought(stage, forwarders):
-    forwarder = forwarders()
-    one, _ = start_with(stage, forwarder)
-    assert one.call("mote_base", "health") == {
-        "is_up": True, "down_reason": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
-    }  # fmt: skip
-    forwarder.close()
-    pass_until(one, lambda: counters(one)["down_reason"])
-    one.run(20.0)
-    health = one.call("mote_base", "health")
-    assert (health["is_up"], health["down_reason"]) == (False, counters(one)["down_reason"])
-    assert 19.0 <= health["down_s"] <= 20.1
-    assert health["tries"] in (5, 6, 7)  # after 0.2, 0.4, 0.8, 1.6, 3.2, 6.4 and 10 s, and the loss itself
-    assert 0.0 < health["next_try_s"] <= 10.0
-
-
-def is_up(one):
-    return one.infos()["mote_base"].state == "active"
-
-
-def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
-    one, _ = start_with(stage, forwarders(greeting=b"SSH-2.0-x\r\n"))
-    assert "expected a Serial Forwarder's greeting b'U '" in one.infos()["mote_base"].why
-
-
-# -- a serial line --------------------------------------------------------------------------------------------
-
-
-class SerialMote:
-    """The mote's end of a pseudo-terminal: it acknowledges as tos/lib/serial/SerialP.nc does."""
-
-    def __init__(self):
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.device = os.ttyname(self._slave)
-        os.set_blocking(self._master, False)
-        self._deframer = Deframer()
-        self.taken = []
-        self.deaf_for = 0
-        """So many frames are not acknowledged."""
-
-    def write(self, data):
-        os.write(self._master, data)
-
-    def read(self):
-        try:
-            data = os.read(self._master, 4096)
-        except BlockingIOError:
-            return
-        for body in self._deframer.feed(data):
-            if self.deaf_for:
-                self.deaf_for -= 1
-            else:
-                self.taken.append(body)
-                self.write(frame(bytes([67, body[1]])))
-
-    def close(self):
-        for descriptor in (self._master, self._slave):
-            if descriptor >= 0:
-                os.close(descriptor)
-
-
-@pytest.fixture
-def mote():
-    opened = SerialMote()
-    yield opened
-    opened.close()
-
-
-def start_on(stage, mote):
-    one = stage()
-    host = one.host(
-        "snw_exploration",
-        mote_base={"interface": "serial", "device": mote.device, "ack_timeout_s": 0.2, "reconnect_first_s": 0.2},
-    )
-    assert one.infos()["mote_base"].state == "active", one.infos()["mote_base"].why
-    return one, host
-
-
-def test_over_a_serial_line_packets_of_motes_are_heard_between_noise(stage, mote):
-    one, _ = start_on(stage, mote)
-    good = frame(b"\x45" + READING)
-    mote.write(b"\x00noise" + good + good[:9] + good + good[:7] + b"\xff" + good[8:] + good)
-    pass_until(one, lambda: counters(one)["packets"] == 3)
-    line = counters(one)["line"]
-    assert line["stray_bytes"] == 6
-    assert line["bad_crc"] + line["bad_length"] + line["bad_escape"] == 2
-
-
-def test_over_a_serial_line_packets_are_acknowledged(stage, mote):
-    one, host = start_on(stage, mote)
-    send(host)
-    pass_until(one, lambda: mote.read() or mote.taken)
-    assert [body[2:] for body in mote.taken] == [SENT]
-    assert mote.taken[0][0] == 68
-    one.run(2.0)
-    mote.read()
-    assert len(mote.taken) == 1
-
-
-def test_a_serial_line_that_is_not_there_at_the_start_is_opened_when_it_is_plugged_in(stage, mote, tmp_path):
-    plug = tmp_path / "ttyUSB0"
-    one = stage()
-    host = one.host("snw_exploration", mote_base={"interface": "serial", "device": str(plug), "ack_timeout_s": 0.2})
-    one.run(10.0)
-    assert f"no base station at {plug}" in one.infos()["mote_base"].why
-    plug.symlink_to(mote.device)
-    one.run_until(lambda: is_up(one), limit_s=31.0)
-    send(host)
-    pass_until(one, lambda: mote.read() or mote.taken)
-    assert [body[2:] for body in mote.taken] == [SENT]
-    assert one.infos()["snw_exploration"].state == "active"

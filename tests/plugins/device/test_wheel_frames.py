@@ -22,7 +22,6 @@ from robrain.plugins.device.mocdevice.frame_map import (
     StopFrame,
     read_dbc,
 )
-from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Twist2D
@@ -69,12 +68,6 @@ def counts(device: BareDevice, left: int, right: int, after_s: float = 0.02) -> 
         frame.timestamp = device.clock.now_ns() / 1e9
         device.bus.arrived.append(frame)
     device.it.step()
-
-
-def test_a_dbc_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
-    path = tmp_path / "marked.dbc"
-    path.write_text('VERSION ""\n\nBU_: PC\n\nBO_ 512 Drive: 4 PC\n', encoding="utf-8-sig")
-    assert [message.frame_id for message in read_dbc(str(path)).messages] == [512]
 
 
 def test_commands_are_in_the_units_of_the_file_and_a_stop_is_a_command_of_nothing() -> None:
@@ -186,41 +179,6 @@ def test_measured_speeds_are_added_up_to_odometry(own: FrameMap) -> None:
     assert pose.yaw_rad == pytest.approx(0.0, abs=1e-9)
 
 
-TWO_ENCODERS = """
-BO_ 1011 Left: 5 Motor
- SG_ left : 0|32@1- (1,0) [0|0] "" Host
- SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
-BO_ 1012 Right: 5 Motor
- SG_ right : 0|32@1- (1,0) [0|0] "" Host
- SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
-"""
-
-
-@pytest.mark.parametrize("lost", [{1011}, {1012}, {1011, 1012}])
-@pytest.mark.parametrize("rounds", [1, 2, 6])
-def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_speed(
-    own: FrameMap, lost: set[int], rounds: int
-) -> None:
-    Path(own.dbc).write_text(DBC + TWO_ENCODERS)
-    encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": Counted.COUNTS, "checksum": Checksum.NONE}
-    device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
-    device.it.activate()
-    for number in range(12):
-        device.wait(0.02)
-        for identifier in (1011, 1012):
-            data = (60 * number).to_bytes(4, "little", signed=True) + bytes((number,))
-            frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
-            frame.timestamp = device.clock.now_ns() / 1e9
-            if not (identifier in lost and 11 - rounds <= number < 11):
-                device.bus.arrived.append(frame)
-        device.it.step()
-    ticks_m = math.tau / 1000 * 0.1
-    assert device.it.velocity().forward_m_s == pytest.approx(60 * ticks_m / 0.02)
-    assert device.it.pose().x_m == pytest.approx(60 * 11 * ticks_m)
-    assert device.it.counters().rejected == 0
-
-
 def signals(frame: str, *names: str) -> tuple[FrameSignals, ...]:
     return (FrameSignals(frame=frame, signals=names),)
 
@@ -242,13 +200,6 @@ def test_what_does_not_fit_the_file_or_the_base_is_refused_by_key(changes: dict[
     device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(FRAMES, **changes))
     with pytest.raises(ValueError, match=why):
         device.it.activate()
-
-
-def test_a_file_that_is_no_dbc_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "no.dbc"
-    path.write_text("BO_ what is this")
-    with pytest.raises(ValueError, match=f"dbc: {path} is no DBC file"):
-        read_dbc(str(path))
 
 
 def test_frames_laid_out_like_the_robertinos_are_packed_as_by_its_own_codec() -> None:
@@ -321,112 +272,3 @@ def test_a_bus_is_left_also_if_the_stop_cannot_be_sent() -> None:
     with pytest.raises(ZeroDivisionError):
         device.it.deactivate()
     assert not device.bus.is_open
-
-
-MAKERS = """VERSION ""
-NS_ :
-BS_:
-BU_: Host Motor
-BO_ 512 Drive: 4 Host
- SG_ left : 0|16@1- (0.1,0) [0|0] "rpm" Motor
- SG_ right : 16|16@1- (0.1,0) [0|0] "rpm" Motor
-BO_ 513 Encoder: 5 Motor
- SG_ wheel M : 0|8@1+ (1,0) [0|3] "" Host
- SG_ left m0 : 8|32@1- (1,0) [0|0] "" Host
- SG_ right m1 : 8|32@1- (1,0) [0|0] "" Host
- SG_ long m2 : 8|64@1- (1,0) [0|0] "" Host
-BO_ 514 Selected: 5 Host
- SG_ motor M : 0|8@1+ (1,0) [0|3] "" Motor
- SG_ left m1 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
- SG_ right m2 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
-BO_ 600 Unused: 2 Motor
- SG_ one : 0|16@1- (1,0) [0|0] "" Host
- SG_ two : 8|16@1- (1,0) [0|0] "" Host
-BO_ 601 Overlap: 8 Motor
- SG_ left : 0|32@1- (1,0) [0|0] "" Host
- SG_ right : 16|32@1- (1,0) [0|0] "" Host
- SG_ far : 48|32@1- (1,0) [0|0] "" Host
-"""
-
-
-def frames_of_makers(path: Path, **changes: Any) -> FrameMap:
-    path.write_text(MAKERS)
-    settings: dict[str, Any] = {
-        "commands": (FrameSignals(frame="Drive", signals=("left", "right"), units=(SignalUnit.RPM,)),),
-        "encoders": (FrameSignals(frame="Encoder", signals=("left", "right")),),
-    }
-    plain: dict[str, Any] = {"counter": "", "checksum": Checksum.NONE, "stop": StopFrame(frame="")}
-    return FrameMap(dbc=str(path), status=StatusFrame(frame=""), **{**settings, **plain, **changes})
-
-
-@pytest.mark.parametrize("is_split", [False, True])
-def test_counts_that_take_turns_in_one_frame_are_odometry_beside_unused_frames_that_are_not_sound(
-    tmp_path: Path, is_split: bool
-) -> None:
-    changes = {}
-    if is_split:
-        changes["encoders"] = tuple(FrameSignals(frame="Encoder", signals=(name,)) for name in ("left", "right"))
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", **changes))
-    device.it.activate()
-    for number in range(11):
-        for wheel in (0, 1, 3):  # 3 is of no wheel
-            device.wait(0.005)
-            data = struct.pack("<Bi", wheel, 20 * number)
-            frame = can.Message(arbitration_id=513, data=data, is_extended_id=False)
-            frame.timestamp = device.clock.now_ns() / 1e9
-            device.bus.arrived.append(frame)
-        device.wait(0.005)
-        device.it.step()
-    assert device.it.counters().rejected == 0
-    assert device.it.pose().x_m == pytest.approx(200 / 1000 * math.tau * 0.1, abs=1e-3)
-
-
-def test_commands_that_a_multiplexer_selects_are_a_frame_each(tmp_path: Path) -> None:
-    commands = (FrameSignals(frame="Selected", signals=("left", "right"), units=(SignalUnit.RPM,)),)
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", commands=commands))
-    device.it.activate()
-    device.it.drive_wheels((1.0, -1.0))
-    tenths = round(RPM_PER_RAD_S * 10)
-    assert [struct.unpack("<Bh", frame.data[:3]) for frame in device.bus.sent] == [(1, tenths), (2, -tenths)]
-
-
-@pytest.mark.parametrize(
-    ("signals", "why"),
-    [
-        (("left", "far"), "frames.encoders: Overlap: The signal far does not fit in message Overlap"),
-        (("left", "right"), "frames.encoders: Overlap: The signals .* are overlapping in message Overlap"),
-    ],
-)
-def test_a_signal_that_cannot_be_used_is_named_at_the_start(tmp_path: Path, signals: tuple[str, ...], why: str) -> None:
-    encoders = (FrameSignals(frame="Overlap", signals=signals),)
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", encoders=encoders))
-    with pytest.raises(ValueError, match=why):
-        device.it.activate()
-
-
-@pytest.mark.parametrize(
-    ("identifier", "data", "why"),
-    [
-        (513, b"\0\0", "frames were refused: Encoder: expected 5 bytes, got 2"),
-        (513, b"\0" * 5, "frames came, but not all counts of Encoder"),
-        (77, b"\0" * 5, "frames came, but not all counts of Encoder"),
-        (None, b"", "is cut or its controller gone"),
-    ],
-)
-def test_refused_frames_are_no_silence(tmp_path: Path, identifier: int | None, data: bytes, why: str) -> None:
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc"))
-    device.it.activate()
-    for wheel in (0, 1):
-        counts = struct.pack("<Bi", wheel, 5)
-        device.bus.arrived.append(can.Message(device.clock.now_ns() / 1e9, 513, False, data=counts))
-    device.it.step()
-
-    def pass_a_second() -> None:
-        for _ in range(10):
-            device.wait(0.1)
-            if identifier is not None:
-                device.bus.arrived.append(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
-            device.it.step()
-
-    with pytest.raises(BusFault, match=why):
-        pass_a_second()
