@@ -7,8 +7,8 @@ from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, Bas
 from robrain.protocol.messages.robots.robot_messages import ROBOT_LINKS
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
-from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
+from robrain.protocol.tinyos.packet import BadPacket
+from robrain.protocol.tinyos.payloads import SEQUENCES, BeaconPayload
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
@@ -37,17 +37,10 @@ class Team:
     def run(self, seconds):
         self.one.run(seconds, each=lambda: self._field.step(self.places))
 
-    def beacons(self):
-        messages = [ActiveMessage.unpack(received.message) for received in self.said.drain()]
-        return [BeaconPayload.unpack(each.payload).robot for each in messages if each.type == BEACON_TYPE]
-
     def told(self, robot="r1"):
         """What a robot told last, and how often it told."""
         messages = [received.message for received in self.links.drain() if received.message.robot == robot]
         return (messages[-1].links if messages else None), len(messages)
-
-    def heard(self, robot="r1"):
-        return self.one.call("snw_exploration", "robots", robot=robot)
 
 
 @pytest.fixture

@@ -61,14 +61,14 @@ def test_a_flood_that_does_not_end_is_a_fault_that_the_state_names_until_it_is_o
     one = stage()
     one.host("snw_exploration", "driver")
     states = one.inbox(ROBOT_STATE)
-    one.run(5.4, each=lambda: flood(one, 5000))
+    one.run(5.4, each=lambda: flood(one, 1000))
     infos = one.infos()
     assert infos["mote_base"].state == "faulted"
     assert "mote_base has flooded for 5 s: more than 200 packets in a second" in infos["mote_base"].why
     assert "requires mote_base" in infos["snw_exploration"].why
     assert infos["driver"].state == "active"
     assert "mote_base" in [fault.plugin for fault in states.drain()[-1].message.faulted]
-    one.run(60.0, each=lambda: flood(one, 5000))
+    one.run(60.0, each=lambda: flood(one, 1000))
     one.run(40.0)  # it is started again, and those that require it
     assert states.drain()[-1].message.faulted == []
     assert [one.infos()[name].state for name in ("mote_base", "snw_exploration")] == ["active", "active"]

@@ -126,7 +126,3 @@ def test_bus_that_cannot_be_read_is_a_fault_of_the_range_sensors_and_told(ring, 
     with pytest.raises(RangeSensorFault, match="the CAN bus cannot be read"):
         ring.step()
     assert len(silent) == 1
-
-
-def device(one):
-    return one.plugin("range_sensors")

@@ -1,23 +1,12 @@
 """Driving by hand: a robot goes for as long as somebody goes on asking, and no longer."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.by_hand import LONGEST_LEASE_S, ByHand
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
-from robrain.protocol.model.geometry import Pose2D, Twist2D
-
-START = Pose2D(1.0, 2.0, 0.0)
-
-
-@pytest.fixture
-def robot(stage, room):
-    one = stage(room(6.0, 4.0), r1=START)
-    one.host("localisation")
-    one.run(0.4)
-    return one
+from robrain.protocol.model.geometry import Twist2D
 
 
 @given(

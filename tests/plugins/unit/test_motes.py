@@ -292,15 +292,3 @@ def test_a_duty_is_said_again_after_a_while_and_no_more_once_it_is_confirmed():
     assert kinds(base.hears(3, after_ns=WAIT_NS)) == [DUTY_TYPE]
     assert base.hears(4, period_ds=90, after_ns=WAIT_NS) == []
     assert base.hears(5, period_ds=40, after_ns=WAIT_NS) == []
-
-
-def reading(**changes):
-    values = {
-        "mote": 3, "sequence": 7, "oldest": 7, "period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE,
-        "value_centi": 2150, "x_dm": 50, "y_dm": -20, "rssi_dbm": -70,
-    }  # fmt: skip
-    return ReadingPayload(**values | changes)
-
-
-def record():
-    return MoteRecord("m3", 3, 64)

@@ -14,7 +14,7 @@ START = Pose2D(0.8, 1.0, 0.0)
 END = Point2D(3.2, 1.0)
 
 
-def two_rooms(gap_m, *, long_m=1.0, middle_m=1.0):
+def two_rooms(gap_m, long_m=1.0, middle_m=1.0):
     """Two rooms, 2 m in y, joined by a corridor that begins at x = 1.6."""
     occupied = np.ones((round(2.0 / CELL_M), round((2.8 + long_m) / CELL_M)), np.bool_)
     edge, begin, end = round(0.05 / CELL_M), round(1.6 / CELL_M), round((1.6 + long_m) / CELL_M)
@@ -60,12 +60,9 @@ class Squeezing:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("yaw_rad", [1.0])
-@pytest.mark.parametrize(("gap_m", "slow_m_s"), [(0.45, 0.2), (0.5, 0.4), (0.54, 0.55)])
-def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touches_nothing(
-    stage, gap_m, slow_m_s, yaw_rad
-):
-    one = Squeezing(stage, two_rooms(gap_m), yaw_rad=yaw_rad)
+@pytest.mark.parametrize(("gap_m", "slow_m_s"), [(0.45, 0.2), (0.54, 0.55)])
+def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touches_nothing(stage, gap_m, slow_m_s):
+    one = Squeezing(stage, two_rooms(gap_m), yaw_rad=1.0)
     one.follow((1.5, 1.0), (2.7, 1.0), (END.x_m, END.y_m))
     one.run(25.0)
     assert one.pose.distance_m(END) < 0.15
@@ -74,7 +71,7 @@ def test_a_robot_goes_the_slower_through_a_corridor_the_narrower_it_is_and_touch
     assert one.fastest_m_s > 0.25, "where there is room it drives as ever"
 
 
-@pytest.mark.parametrize(("gap_m", "is_narrow"), [(0.45, False), (0.3, True), (0.36, True), (0.4, True)])
+@pytest.mark.parametrize(("gap_m", "is_narrow"), [(0.45, False), (0.3, True), (0.4, True)])
 def test_before_a_gap_that_is_too_narrow_for_its_path_the_robot_stands_and_tells_its_width(stage, gap_m, is_narrow):
     one = Squeezing(stage, two_rooms(gap_m))
     one.follow((1.5, 1.0), *([(2.7, 1.0)] if is_narrow else []), (END.x_m, END.y_m), is_narrow=is_narrow)
