@@ -6,6 +6,7 @@ import pytest
 
 from robrain.plugins.behavior.errand import SETTLE_S, Failed
 from robrain.plugins.behavior.recharge import (
+    APART_M,
     ASIDE_M,
     CLEAR_M,
     DOCK_TRIES,
@@ -183,6 +184,17 @@ def test_robot_waits_at_the_nearest_place_beside_the_charger():
     assert (place.x_m, place.y_m) == pytest.approx((5.0 - ASIDE_M[1], 0.0))
 
 
+def test_place_that_cannot_be_reached_is_passed_over_and_without_any_the_robot_stays():
+    errand, one = queue()
+    run(one.move_aside())
+    errand.no_way_to = [errand.gone[0]]
+    run(one.move_aside())
+    assert errand.gone[1] != errand.gone[0]
+    errand.travel.plan = lambda place: [Point2D(place.x_m + APART_M + 0.001, place.y_m)]  # as near as it gets
+    run(one.move_aside())
+    assert len(errand.gone) == 2
+
+
 def test_robot_waits_and_makes_room_until_a_charger_is_free_or_all_are_left_out():
     errand, one = queue()
     errand.at = Pose2D(3.0, 0.0, 0.0)
@@ -337,3 +349,15 @@ def test_place_where_something_stands_is_passed_over_at_once():
     _, took_s = play(errand, script)
     assert errand.driver.stops == len(errand.driver.sent) == 26
     assert took_s == pytest.approx(26 * STEP_S)
+
+
+def test_robot_that_does_not_get_aside_stands_where_it_is():
+    errand, one = queue()
+
+    def fail(_goal):
+        raise Failed("blocked")
+        yield
+
+    errand.go = fail
+    assert run(one.move_aside()) == {}
+    assert errand.stands == 1

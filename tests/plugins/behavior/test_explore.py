@@ -256,6 +256,10 @@ def test_of_two_that_are_bound_for_one_end_both_conclude_that_the_same_one_gives
     assert choice("r2", 3.5, mate("r1", 4.0, WEST), goal=WEST) is None, "it keeps its goal"
 
 
+def test_a_mate_that_does_a_task_is_left_to_it() -> None:
+    assert is_at(choice("r1", 4.0, mate("r2", 3.5, WEST, behavior="visit")), EAST)
+
+
 @pytest.mark.parametrize("behavior", [ALONE, "visit"])
 def test_a_mate_that_is_an_obstacle_takes_nothing(behavior: str) -> None:
     standing = mate("r2", 3.5, WEST, behavior=behavior, doing=Doing.OBSTACLE)

@@ -263,6 +263,13 @@ def test_robot_that_must_give_its_place_has_no_result():
     assert run(robot.it.charge_at(CHARGER, WANTED.until_soc)) == {}
 
 
+def test_battery_that_says_nothing_fails_the_task():
+    robot = BareRecharge(CHARGER)
+    robot.board.battery = None
+    with pytest.raises(Failed, match="the battery says nothing"):
+        robot.it.battery()
+
+
 @pytest.mark.parametrize(("charging", "energy_j", "charged_j"), [(False, 30.0, 0.0), (True, 0.0, 60.0)])
 def test_what_comes_from_the_charger_is_no_cost_of_the_way(charging, energy_j, charged_j):
     robot = BareRecharge(CHARGER)
@@ -323,3 +330,20 @@ def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
     goals = [goal for goal, _ in robot.errand.set_out]
     assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
     assert robot.it._charged_j == 0.0
+
+
+def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
+    robot = BareRecharge(CHARGER)
+    robot.errand.progress = []
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.battery.soc, robot.battery.charging = 0.95, True
+    begins_ns = robot.errand.clock.now_ns() + 10**9
+    later = Task(id="c", kind="recharge", place=CHARGER.place, earliest_ns=begins_ns)
+    robot.it.run = made = Run(later, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    script = robot.it.play(later, WANTED)
+    robot.errand.wait(0.999)
+    assert run(script, 5) is ...
+    assert made.there_ns is None
+    robot.errand.wait(0.001)
+    assert run(script)["soc"] == 0.95
+    assert made.there_ns == begins_ns

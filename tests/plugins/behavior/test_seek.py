@@ -1,6 +1,7 @@
 """Seek: one robot finds the source of a plume in a small room."""
 
 import math
+from collections.abc import Iterator
 
 import pytest
 
@@ -9,9 +10,15 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
+from tests.plugins.behavior.errands import Build, open_errands
 
 SOURCE = Point2D(4.6, 2.9)
 HOT = FieldSpec(plumes=1, width_m=1.5, wind_m_s=0.0, temperature=Levels(base=20.0, plume=10.0, noise=0.1))
+
+
+@pytest.fixture
+def errands() -> Iterator[Build]:
+    yield from open_errands()
 
 
 def heat(run, source=SOURCE, spec=HOT):
@@ -41,6 +48,14 @@ def test_the_source_is_found_and_told_with_its_place_and_value(errands):
     (event,) = [received.message for received in told.drain()]
     assert (event.event, event.value["place"]["x_m"]) == ("found", found["x_m"])
     assert run.arena.collisions == 0
+
+
+@pytest.mark.slow
+def test_in_a_flat_field_the_robot_ends_with_why(errands):
+    run = errands("seek")
+    heat(run, None)
+    status = run.finish(seek(reach_m=2.0), 240.0)
+    assert (status.state, status.why) == (TaskState.FAILED, "temperature_c rises nowhere within 2 m")
 
 
 def test_time_is_limited(errands):

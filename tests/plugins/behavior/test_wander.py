@@ -46,3 +46,21 @@ def test_a_halt_ends_wandering(errands):
     run.run(3.0)
     assert run.pose() == here
     assert run.call("wander", "start") is True
+
+
+def test_a_robot_with_a_task_does_not_wander(errands):
+    run = errands("wander", "visit")
+    run.offer(Task(id="v", kind="visit", place=Point2D(4.8, 1.6)))
+    assert run.call("wander", "start") is False
+
+
+def test_wandering_ends_when_told(errands):
+    run = errands("wander")
+    run.call("wander", "start")
+    run.run(3.0)
+    run.call("wander", "stop")
+    run.run(1.5)
+    here = run.pose()
+    run.run(3.0)
+    assert run.pose() == here
+    assert run.robot().board.behavior == "idle"

@@ -7,8 +7,8 @@ from robrain.plugins.unit.snw_exploration.snw_exploration import MAX_ROBOTS, Bas
 from robrain.protocol.messages.robots.robot_messages import ROBOT_LINKS
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.packet import BadPacket
-from robrain.protocol.tinyos.payloads import SEQUENCES, BeaconPayload
+from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.payloads import BEACON_TYPE, SEQUENCES, BeaconPayload
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mote import ArenaMote
 from robrain.sim.motes.motes import MoteField, SensorNetwork
@@ -37,10 +37,17 @@ class Team:
     def run(self, seconds):
         self.one.run(seconds, each=lambda: self._field.step(self.places))
 
+    def beacons(self):
+        messages = [ActiveMessage.unpack(received.message) for received in self.said.drain()]
+        return [BeaconPayload.unpack(each.payload).robot for each in messages if each.type == BEACON_TYPE]
+
     def told(self, robot="r1"):
         """What a robot told last, and how often it told."""
         messages = [received.message for received in self.links.drain() if received.message.robot == robot]
         return (messages[-1].links if messages else None), len(messages)
+
+    def heard(self, robot="r1"):
+        return self.one.call("snw_exploration", "robots", robot=robot)
 
 
 @pytest.fixture
@@ -65,6 +72,17 @@ def test_the_team_is_told_who_hears_whom_and_once_that_nobody_does(team):
     assert one.told()[0] == []
     one.run(10.0)
     assert one.told() == (None, 0)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\x00\x01", b"\x00\x01a b\xb5", b"\x00\x01r1\xb5", b"\x00\x01\xff\xb5"])
+def test_what_is_no_other_robot_s_beacon_is_counted_and_left(stage, payload):
+    one = stage()
+    one.host("snw_exploration")
+    one.run(0.1)
+    one.radio(ActiveMessage(type=BEACON_TYPE, payload=payload, source=0).pack())
+    one.run(0.2)
+    assert one.call("snw_exploration", "robots") == []
+    assert one.call("snw_exploration", "counters")["unreadable"] == 1
 
 
 def hearing(*sequences, robot="r2"):

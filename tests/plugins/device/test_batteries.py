@@ -1,6 +1,8 @@
 """Batteries that are asked: smart batteries, current monitors and those of the kernel, on simulated chips and files."""
 
+import errno
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +19,7 @@ from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2 import i2c_battery
 from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, PackValue
 from robrain.plugins.device.bm2.i2c_battery import Chip, InaBattery, SmartBattery, SmartBatteryStatus
-from robrain.plugins.device.bm2.interface import plausible
+from robrain.plugins.device.bm2.interface import ASSUMED_C, plausible
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent, PowerSupply
 from robrain.plugins.device.mocdevice.frame_map import Checksum
 from tests.plugins.device.bare_device import BareDevice
@@ -221,6 +223,41 @@ def test_a_value_of_the_kernel_that_cannot_be_costs_that_value(device: Any, supp
     assert one.it.counters().rejected == 0
 
 
+def test_current_is_power_by_voltage_where_only_that_is_told(device: Any, supply: Any) -> None:
+    folder = supply(voltage_now=10_000_000, power_now=25_000_000)
+    assert latest(device(PowerSupply, folder=str(folder))).current_a == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("name", ["capacity", "voltage_now"])
+@pytest.mark.parametrize("code", [errno.ENODATA, errno.EINVAL, errno.EIO])
+def test_a_file_of_the_kernel_that_cannot_be_read_is_a_failure_unless_it_has_no_value_now(
+    device: Any, supply: Any, monkeypatch: pytest.MonkeyPatch, name: str, code: int
+) -> None:
+    one = device(PowerSupply, folder=str(supply(voltage_now=12_000_000, capacity=50)))
+    before, plain = latest(one), Path.open
+
+    def fail(path: Path, *mode: str) -> Any:
+        if path.name == name:
+            raise OSError(code, os.strerror(code))
+        return plain(path, *mode)
+
+    monkeypatch.setattr(Path, "open", fail)
+    found, counters = latest(one), one.it.counters()
+    is_failure = code == errno.EIO or name == "voltage_now"
+    assert (found == before, counters.failed) == (is_failure, is_failure)
+    assert (counters.last_error == "Input/output error") is (code == errno.EIO)
+    assert is_failure or found.report.soc is None
+
+
+@pytest.mark.parametrize("voltage", ["", "abc", "1" * 100, "12.5"])
+def test_what_is_no_number_is_rejected(device: Any, supply: Any, voltage: str) -> None:
+    one = device(PowerSupply, folder=str(supply(voltage_now=12_000_000)))
+    before = latest(one)
+    supply(voltage_now=voltage)
+    assert latest(one) == before
+    assert one.it.counters().rejected == 1
+
+
 @pytest.mark.slow
 def test_a_battery_of_the_kernel_that_is_taken_out_is_a_fault_and_back_when_it_is_in(device: Any, supply: Any) -> None:
     folder = supply(voltage_now=12_000_000, present=1)
@@ -296,6 +333,14 @@ class Pack:
         frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=is_extended)
         frame.timestamp = self.device.clock.now_ns() / 1e9
         self.device.bus.arrived.append(frame)
+
+
+def test_what_one_frame_no_longer_tells_is_not_taken_with_another(tmp_path: Path) -> None:
+    pack = Pack(tmp_path)
+    pack.hear("Pack2", soc=62.5, kelvin=303.2)
+    pack.device.wait(5.0)
+    found = pack.hear("Pack1", voltage=25_000, current=0)
+    assert (found.temperature_c, found.report.soc) == (ASSUMED_C, None)
 
 
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:

@@ -3,10 +3,12 @@ import re
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from robrain.agent.authoring.testing import PluginBench
+from robrain.plugins.behavior.monitor import changed_share
 from robrain.plugins.device.camera import png_size
 from robrain.protocol.errors import CallError
 from tests.plugins.behavior.errands import Errands
@@ -113,6 +115,17 @@ def test_picture_of_a_video_device_is_a_png_and_the_device_is_let_go(monkeypatch
 
 
 @pytest.mark.parametrize(
+    ("fault", "why"),
+    [({"sees": False}, "the video device gives no picture"), ({"encodes": False}, "cannot be encoded")],
+)
+def test_video_device_without_a_picture_says_why(monkeypatch, fault, why):
+    with with_webcam(monkeypatch, Webcam(**fault)) as bench:
+        with pytest.raises(CallError, match=why):
+            bench.call("camera", "test_picture")
+        assert bench.info("camera").state == "active"
+
+
+@pytest.mark.parametrize(
     ("webcam", "channel", "why"),
     [
         (Webcam(is_there=False), "", "no video device 0"),
@@ -125,3 +138,7 @@ def test_video_device_that_cannot_be_opened_is_left_out_with_the_reason(monkeypa
         info = bench.info("camera")
     assert info.state == "faulted"
     assert why in info.why
+
+
+def test_a_picture_of_another_size_is_all_changed():
+    assert changed_share(np.zeros((60, 80, 3)), np.zeros((30, 40, 3))) == 1.0

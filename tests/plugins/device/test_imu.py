@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +14,9 @@ from hypothesis import strategies as st
 from robrain.plugins.device.imu import ImuAbsent, ImuContradicted, ImuMotion
 from robrain.plugins.device.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
+    FRAME_BYTES,
     ImuLineCodec,
+    ImuProtocol,
     LineChecksum,
     LineFormat,
     SerialImu,
@@ -40,6 +43,15 @@ def test_acceleration_comes_with_the_turn_rate_behind_it_and_other_frames_are_pa
     assert (first.x_m_s2, first.y_m_s2) == (pytest.approx(9.8), pytest.approx(-19.6))
     assert second == ImuMotion(pytest.approx(RATE_RAD_S))
     assert (codec.rejected, codec.stray_bytes) == (0, 0)
+
+
+@pytest.mark.parametrize("byte", range(FRAME_BYTES))
+def test_a_byte_that_was_changed_costs_its_frame_alone(byte: int) -> None:
+    codec = WitMotionCodec()
+    broken = bytearray(TURN)
+    broken[byte] ^= 0x10
+    assert codec.feed(TURN + bytes(broken) + TURN + TURN) == [ImuMotion(pytest.approx(RATE_RAD_S))] * 3
+    assert codec.rejected + codec.stray_bytes > 0
 
 
 @given(st.lists(st.binary(max_size=30), max_size=8), st.integers(1, 13))
@@ -130,6 +142,22 @@ def test_a_unit_upside_down_that_looks_to_the_left_is_put_right(unit: Any) -> No
     found = one.say(wit_frame(0x51, 2048, 4096, 0, 0) + TURN)
     assert found.yaw_rate_rad_s == pytest.approx(-RATE_RAD_S)
     assert (found.forward_m_s2, found.left_m_s2) == (pytest.approx(19.6), pytest.approx(9.8))
+
+
+def test_a_rate_that_no_unit_measures_is_rejected(unit: Any) -> None:
+    one = unit(protocol=ImuProtocol.LINES)
+    assert one.say(b"\n0.5\n1e9\n").yaw_rate_rad_s == 0.5
+    assert one.device.it.counters().rejected == 1
+
+
+def test_noise_alone_is_a_fault_that_names_the_unit(unit: Any) -> None:
+    one, rng = unit(), np.random.default_rng(1)
+    one.say(TURN)
+    for _ in range(24):
+        one.say(rng.bytes(50))
+    with pytest.raises(ImuAbsent, match=r"no measurement for 0\.\d\d s from the IMU at .*ttyUSB0, but \d+ bytes that"):
+        one.device.step(0.2)
+    assert len(one.device.board.yaw_rates) < 5
 
 
 def test_a_unit_that_is_pulled_out_is_a_fault_and_goes_on_when_it_is_in_again(unit: Any) -> None:

@@ -1,6 +1,8 @@
 """The base station as a device: counting, flooding, and lines that are not there."""
 
+import os
 import socket
+import tty
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -10,6 +12,7 @@ from robrain.protocol.backoff import Backoff
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_TX
+from robrain.protocol.tinyos.serial_line import Deframer, frame
 from tests.waiting import PATIENCE_S, until
 
 PACKET = bytes.fromhex("00 ffff 0003 02 22 0a  0001")
@@ -236,3 +239,92 @@ def test_a_forwarder_that_hangs_up_is_told_and_found_again(stage, forwarders):
     pass_until(one, lambda: counters(one)["packets"] == 1)
     assert counters(one)["line"]["reconnects"] == 1
     assert one.infos()["mote_base"].state == "active"
+
+
+def test_while_a_forwarder_is_lost_health_tells_since_when_and_when_it_is_sought(stage, forwarders):
+    forwarder = forwarders()
+    one, _ = start_with(stage, forwarder)
+    assert one.call("mote_base", "health") == {
+        "is_up": True, "down_reason": "", "down_s": 0.0, "tries": 0, "next_try_s": 0.0,
+    }  # fmt: skip
+    forwarder.close()
+    pass_until(one, lambda: counters(one)["down_reason"])
+    one.run(20.0)
+    health = one.call("mote_base", "health")
+    assert (health["is_up"], health["down_reason"]) == (False, counters(one)["down_reason"])
+    assert 19.0 <= health["down_s"] <= 20.1
+    assert health["tries"] in (5, 6, 7)  # after 0.2, 0.4, 0.8, 1.6, 3.2, 6.4 and 10 s, and the loss itself
+    assert 0.0 < health["next_try_s"] <= 10.0
+
+
+def is_up(one):
+    return one.infos()["mote_base"].state == "active"
+
+
+def test_a_server_that_is_no_forwarder_is_told_at_the_start(stage, forwarders):
+    one, _ = start_with(stage, forwarders(greeting=b"SSH-2.0-x\r\n"))
+    assert "expected a Serial Forwarder's greeting b'U '" in one.infos()["mote_base"].why
+
+
+# -- a serial line --------------------------------------------------------------------------------------------
+
+
+class SerialMote:
+    """The mote's end of a pseudo-terminal: it acknowledges as tos/lib/serial/SerialP.nc does."""
+
+    def __init__(self):
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.device = os.ttyname(self._slave)
+        os.set_blocking(self._master, False)
+        self._deframer = Deframer()
+        self.taken = []
+        self.deaf_for = 0
+        """So many frames are not acknowledged."""
+
+    def write(self, data):
+        os.write(self._master, data)
+
+    def read(self):
+        try:
+            data = os.read(self._master, 4096)
+        except BlockingIOError:
+            return
+        for body in self._deframer.feed(data):
+            if self.deaf_for:
+                self.deaf_for -= 1
+            else:
+                self.taken.append(body)
+                self.write(frame(bytes([67, body[1]])))
+
+    def close(self):
+        for descriptor in (self._master, self._slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+
+
+@pytest.fixture
+def mote():
+    opened = SerialMote()
+    yield opened
+    opened.close()
+
+
+def start_on(stage, mote):
+    one = stage()
+    host = one.host(
+        "snw_exploration",
+        mote_base={"interface": "serial", "device": mote.device, "ack_timeout_s": 0.2, "reconnect_first_s": 0.2},
+    )
+    assert one.infos()["mote_base"].state == "active", one.infos()["mote_base"].why
+    return one, host
+
+
+def test_over_a_serial_line_packets_of_motes_are_heard_between_noise(stage, mote):
+    one, _ = start_on(stage, mote)
+    good = frame(b"\x45" + READING)
+    mote.write(b"\x00noise" + good + good[:9] + good + good[:7] + b"\xff" + good[8:] + good)
+    pass_until(one, lambda: counters(one)["packets"] == 3)
+    line = counters(one)["line"]
+    assert line["stray_bytes"] == 6
+    assert line["bad_crc"] + line["bad_length"] + line["bad_escape"] == 2

@@ -2,7 +2,8 @@
 
 import math
 import os
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,7 +11,7 @@ import msgspec
 import pytest
 
 from robrain.agent.errors import HardwareAbsent
-from robrain.algorithms.navigation.wheel_bases import Differential
+from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
 from robrain.plugins.device.mocdevice.frame_map import SignalUnit
 from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.serial_base import LineWords, SerialBase, WheelLineCodec, WheelSerialLink
@@ -121,6 +122,56 @@ def test_a_controller_that_says_nothing_any_more_is_a_fault(arduino: Arduino) ->
     arduino.wait_in_silence(2.9)  # many boards start again when their line is opened
     with pytest.raises(BusFault, match=r"no encoder frame for .*: the controller at .* is silent"):
         arduino.wait_in_silence(1.2)
+
+
+@pytest.mark.parametrize("spoke_s", [0.0, 0.5])
+def test_bytes_without_counts_are_a_fault_that_says_what_to_check(arduino: Arduino, spoke_s: float) -> None:
+    arduino.turn(spoke_s)
+
+    def noise(seconds: float) -> None:
+        for _ in range(round(seconds / 0.02)):
+            arduino.plug.send(b"\xf0\x80\xff\x1c")
+            arduino.step(0.02)
+
+    with pytest.raises(
+        BusFault, match=r"\d{2,} bytes came from .*base, but no counts: .* baud rate \(57600\), the wiring"
+    ):
+        noise(5.2)  # a board may take 3 s to start, and say anything meanwhile
+
+
+class Frames:
+    """Frames of a sync byte, two 32-bit counts and a sum."""
+
+    def __init__(self, base: WheelBase) -> None:
+        self.rejected = 0
+
+    def command(self, values: Sequence[float]) -> bytes:
+        return b"\xaa" + struct.pack("<2f", *values)
+
+    def stop(self) -> bytes:
+        return self.command((0.0, 0.0))
+
+    def poll(self) -> bytes:
+        return b""
+
+    def feed(self, data: bytes) -> list[tuple[int, ...]]:
+        return [struct.unpack("<2I", data[1:9])] if len(data) == 9 else []
+
+
+def test_a_class_of_ones_own_speaks_frames(tmp_path: Path) -> None:
+    one = Arduino(tmp_path, codec=f"{__name__}:Frames")
+    import sys
+
+    sys.modules.setdefault(__name__, sys.modules[Frames.__module__])
+    one.it.activate()
+    for step in range(10):
+        one.plug.send(b"\xaa" + struct.pack("<2I", 10 * step, 10 * step))
+        for _ in range(50):
+            one.step(0.001)
+        one.wait(0.0)
+    assert one.it.pose().x_m == pytest.approx(90 / 600 * math.tau * 0.05)
+    one.it.deactivate()
+    one.plug.pull_out()
 
 
 def test_a_wheel_that_is_mounted_the_other_way_round_is_commanded_and_counted_backwards() -> None:

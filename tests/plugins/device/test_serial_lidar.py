@@ -184,3 +184,10 @@ def scan_of(*points: Point, before: tuple[Point, ...] = ()) -> LaserScan:
 def test_points_count_at_their_own_angles_and_not_at_those_of_their_beams(points: Any, before: Any, beams: Any) -> None:
     scan = scan_of(*[Point(*point) for point in points], before=tuple(Point(*point) for point in before))
     assert list(zip(scan.beam_angles_rad, scan.beam_ranges_m, strict=True)) == [pytest.approx(beam) for beam in beams]
+
+
+@pytest.mark.parametrize("range_m", [0.0, 2.0])
+def test_points_of_a_robot_that_has_turned_since_are_turned_as_well(range_m: float) -> None:
+    turned = Pose2D(0.0, 0.0, 0.5)
+    scan = ScanMaker(BEAMS, 8.0, Mount()).scan([(turned, (Point(0.3, range_m),))], (), 0)
+    assert (scan.beam_angles_rad, scan.beam_ranges_m) == (pytest.approx([0.8]), (range_m or 8.0,))

@@ -85,6 +85,19 @@ def test_line_that_stays_away_is_tried_less_and_less_often(socket):
     assert link.down_reason
 
 
+def test_line_that_is_lost_while_sending_is_told_and_sends_after_it_is_back(socket):
+    link = line()
+    socket.is_plugged = False
+    link.send(SHORT, 0)
+    assert link.down_reason == "/dev/ttyUSB0: unplugged"
+    link.send(SHORT, 0)  # waits; there is nothing to write to
+    socket.is_plugged = True
+    link.receive(NS_PER_S)
+    assert socket.written == b""
+    link.receive(2 * NS_PER_S)
+    assert SHORT in socket.written
+
+
 def test_what_a_line_does_not_take_at_once_is_written_later_in_order(socket):
     link, whole = line(), line()
     whole.send(SHORT, 0)

@@ -48,6 +48,20 @@ def test_corrupt_measurements_are_counted_and_those_after_them_taken(gauge):
     assert (gauge.it.rejected(), gauge.it.latest().voltage_v) == (2, 14.0)
 
 
+@pytest.mark.parametrize("device_class", [Bm2, RangeSensorsDevice])
+def test_deactivated_device_leaves_its_bus_and_can_be_asked_again(device_class):
+    one = BareDevice(device_class)
+    one.step()
+    assert one.it.latest() is None
+    one.it.activate()
+    one.it.deactivate()
+    assert not one.bus.is_open
+    one.it.deactivate()
+    one.step(5.0)
+    one.it.activate()
+    assert len(one.buses) == 2
+
+
 # -- range sensors ----------------------------------------------------------------------------------------------
 
 

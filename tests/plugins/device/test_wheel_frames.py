@@ -22,6 +22,7 @@ from robrain.plugins.device.mocdevice.frame_map import (
     StopFrame,
     read_dbc,
 )
+from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.can.frames import BadFrame, codec, crc8_j1850
 from robrain.protocol.model.geometry import Twist2D
@@ -202,6 +203,13 @@ def test_what_does_not_fit_the_file_or_the_base_is_refused_by_key(changes: dict[
         device.it.activate()
 
 
+def test_a_file_that_is_no_dbc_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "no.dbc"
+    path.write_text("BO_ what is this")
+    with pytest.raises(ValueError, match=f"dbc: {path} is no DBC file"):
+        read_dbc(str(path))
+
+
 def test_frames_laid_out_like_the_robertinos_are_packed_as_by_its_own_codec() -> None:
     plain, message = codec("WheelCommand"), read_dbc("robertino").get_message_by_name("WheelCommand")
     general = SignalFrame(message, plain.signals, "counter", Checksum.CRC8_J1850_ID)
@@ -272,3 +280,81 @@ def test_a_bus_is_left_also_if_the_stop_cannot_be_sent() -> None:
     with pytest.raises(ZeroDivisionError):
         device.it.deactivate()
     assert not device.bus.is_open
+
+
+MAKERS = """VERSION ""
+NS_ :
+BS_:
+BU_: Host Motor
+BO_ 512 Drive: 4 Host
+ SG_ left : 0|16@1- (0.1,0) [0|0] "rpm" Motor
+ SG_ right : 16|16@1- (0.1,0) [0|0] "rpm" Motor
+BO_ 513 Encoder: 5 Motor
+ SG_ wheel M : 0|8@1+ (1,0) [0|3] "" Host
+ SG_ left m0 : 8|32@1- (1,0) [0|0] "" Host
+ SG_ right m1 : 8|32@1- (1,0) [0|0] "" Host
+ SG_ long m2 : 8|64@1- (1,0) [0|0] "" Host
+BO_ 514 Selected: 5 Host
+ SG_ motor M : 0|8@1+ (1,0) [0|3] "" Motor
+ SG_ left m1 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
+ SG_ right m2 : 8|16@1- (0.1,0) [0|0] "rpm" Motor
+BO_ 600 Unused: 2 Motor
+ SG_ one : 0|16@1- (1,0) [0|0] "" Host
+ SG_ two : 8|16@1- (1,0) [0|0] "" Host
+BO_ 601 Overlap: 8 Motor
+ SG_ left : 0|32@1- (1,0) [0|0] "" Host
+ SG_ right : 16|32@1- (1,0) [0|0] "" Host
+ SG_ far : 48|32@1- (1,0) [0|0] "" Host
+"""
+
+
+def frames_of_makers(path: Path, **changes: Any) -> FrameMap:
+    path.write_text(MAKERS)
+    settings: dict[str, Any] = {
+        "commands": (FrameSignals(frame="Drive", signals=("left", "right"), units=(SignalUnit.RPM,)),),
+        "encoders": (FrameSignals(frame="Encoder", signals=("left", "right")),),
+    }
+    plain: dict[str, Any] = {"counter": "", "checksum": Checksum.NONE, "stop": StopFrame(frame="")}
+    return FrameMap(dbc=str(path), status=StatusFrame(frame=""), **{**settings, **plain, **changes})
+
+
+@pytest.mark.parametrize(
+    ("signals", "why"),
+    [
+        (("left", "far"), "frames.encoders: Overlap: The signal far does not fit in message Overlap"),
+        (("left", "right"), "frames.encoders: Overlap: The signals .* are overlapping in message Overlap"),
+    ],
+)
+def test_a_signal_that_cannot_be_used_is_named_at_the_start(tmp_path: Path, signals: tuple[str, ...], why: str) -> None:
+    encoders = (FrameSignals(frame="Overlap", signals=signals),)
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", encoders=encoders))
+    with pytest.raises(ValueError, match=why):
+        device.it.activate()
+
+
+@pytest.mark.parametrize(
+    ("identifier", "data", "why"),
+    [
+        (513, b"\0\0", "frames were refused: Encoder: expected 5 bytes, got 2"),
+        (513, b"\0" * 5, "frames came, but not all counts of Encoder"),
+        (77, b"\0" * 5, "frames came, but not all counts of Encoder"),
+        (None, b"", "is cut or its controller gone"),
+    ],
+)
+def test_refused_frames_are_no_silence(tmp_path: Path, identifier: int | None, data: bytes, why: str) -> None:
+    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc"))
+    device.it.activate()
+    for wheel in (0, 1):
+        counts = struct.pack("<Bi", wheel, 5)
+        device.bus.arrived.append(can.Message(device.clock.now_ns() / 1e9, 513, False, data=counts))
+    device.it.step()
+
+    def pass_a_second() -> None:
+        for _ in range(10):
+            device.wait(0.1)
+            if identifier is not None:
+                device.bus.arrived.append(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+            device.it.step()
+
+    with pytest.raises(BusFault, match=why):
+        pass_a_second()

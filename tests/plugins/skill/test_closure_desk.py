@@ -3,12 +3,15 @@ import math
 import numpy as np
 import pytest
 
+from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.algorithms.slam.submap import Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
+from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.protocol.messages.maps.map_messages import Closure, Closures
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from robrain.protocol.model.grid_geometry import FREE, GridGeometry
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 MATE = ("r2", 7)
@@ -30,19 +33,21 @@ def off(pose: Pose2D, other: Pose2D) -> tuple[float, float, float]:
 class Scene:
     """A robot r1 in ROOM with its current submap 3; others' submaps show the room."""
 
-    def __init__(self, *keys: SubmapKey) -> None:
+    def __init__(self, *keys: SubmapKey, T_arena_local: Pose2D = IDENTITY, slack_m: float = 0.0) -> None:
         self.graph = SubmapGraph("r1", GraphSpec())
         self.atlas = SubmapAtlas(GEOMETRY)
-        self.desk = ClosureFinder("r1", self.graph, self.atlas, 0.0)
+        self.desk = ClosureFinder("r1", self.graph, self.atlas, slack_m)
         for key in keys:
-            submap = Submap(IDENTITY)
+            submap = Submap(T_arena_local)
             submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
             submap.surfaces = SEEN.surfaces
             self.atlas.submaps[key] = submap
         self.graph.begin(3, IDENTITY, IDENTITY, 0, PRIOR)
 
-    def look(self, true: Pose2D, local: Pose2D) -> bool:
-        return self.desk.check(3, local, local, lambda: ROOM.points(true), SURE)
+    def look(
+        self, true: Pose2D, local: Pose2D, sensor: Pose2D | None = None, covariance: tuple[float, ...] = SURE
+    ) -> bool:
+        return self.desk.check(3, local, sensor or local, lambda: ROOM.points(true), covariance)
 
     def solved(self) -> Pose2D:
         """T_arena_local of the robot's submap, once the graph is solved."""
@@ -76,43 +81,91 @@ def test_a_scan_that_lies_nowhere_on_a_submap_that_knows_the_place_contradicts_i
     assert not scene.graph.has_news
 
 
+@pytest.mark.parametrize(
+    ("slack_m", "left"),
+    [
+        (0.0, (0.0, 0.0, 0.0)),
+        (0.05, (0.03, 0.04, 0.01)),  # 0.1 m off, half of which is slack; 0.02 rad, of which the slack is 0.01
+        (0.2, (0.06, 0.08, 0.02)),
+    ],
+)
+def test_offsets_within_the_slack_are_taken_for_none(slack_m: float, left: tuple[float, float, float]) -> None:
+    scene = Scene(MATE, slack_m=slack_m)
+    believed = beside(TRUE, 0.06, 0.08, 0.02)
+    assert scene.look(TRUE, believed)
+    (closure,) = scene.desk.found
+    lies = Pose2D(closure.at_other.x_m, closure.at_other.y_m, believed.yaw_rad - closure.at.yaw_rad)
+    assert off(lies, TRUE) == pytest.approx(left, abs=0.012)
+
+
 PLACES = [Pose2D(1.6 + 0.75 * n, 4.6, 0.8) for n in range(8)] + [Pose2D(6.9, 3.8 - 0.75 * n, 0.8) for n in range(4)]
 """A way that leads on and on, so that each submap is tried in turn."""
 ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
 
 
-def look(scene: Scene, turn: int) -> None:
-    """Lay a scan of elsewhere on the next submap."""
-    assert scene.look(ELSEWHERE, PLACES[turn % len(PLACES)])
+def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
+    """A robot's desk that knows these submaps, all of the same room."""
+    graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
+    for key in keys:
+        submap = Submap(IDENTITY)
+        submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
+        submap.surfaces = SEEN.surfaces
+        atlas.submaps[key] = submap
+    graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))
+    return ClosureFinder("r1", graph, atlas, 0.0)
+
+
+def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
+    """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
+    here = PLACES[turn % len(PLACES)]
+    points = ROOM.points(ELSEWHERE if wrong else here)
+    assert desk.check(3, here, here, lambda: points, SURE)
 
 
 def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robot_is_wrong() -> None:
-    scene, whys = Scene(*TWO_ROBOTS), []
-    desk = scene.desk
+    desk = desk_with(TWO_ROBOTS)
+    whys = []
     for turn in range(6):
-        look(scene, turn)
+        look(desk, turn)
         whys.append(desk.misplacement_reason())
     assert desk.contradicted == 6
     assert whys[:5] == [""] * 5
     assert whys[5] == "3 submaps of 2 robots contradict what the lidar sees"
     assert desk.misplacement_reason() == "", "it is said once, and the count starts again"
-    look(scene, 6)
+    look(desk, 6)
     assert desk.misplacement_reason() == ""
 
 
 @pytest.mark.parametrize("keys", [TWO_ROBOTS[1:], (("r2", 7), ("r2", 8), ("r2", 9))])
 def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[SubmapKey, ...]) -> None:
-    scene = Scene(*keys)
-    desk = scene.desk
+    desk = desk_with(keys)
     for turn in range(12):
-        look(scene, turn)
+        look(desk, turn)
         assert desk.misplacement_reason() == ""
     assert desk.contradicted == 12
 
 
+LARGE = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 PRECISE = (1e4, 0.0, 0.0, 1e4, 0.0, 1e4)
 BESIDE = Pose2D(0.3, 0.0, 0.0)
+
+
+@pytest.fixture
+def atlas():
+    return SubmapAtlas(LARGE)
+
+
+@pytest.fixture
+def graph():
+    graph = SubmapGraph("r1", GraphSpec())
+    graph.begin(5, IDENTITY, IDENTITY, 0, np.diag((0.01, 0.01, 0.001)))
+    return graph
+
+
+@pytest.fixture
+def desk(graph, atlas):
+    return ClosureFinder("r1", graph, atlas, 0.0)
 
 
 def reported(**fields):
@@ -138,7 +191,16 @@ def reported(**fields):
         ({"at_other": Pose2D(0.0, -250.0, 0.0)}, "far outside"),
     ],
 )
-def test_a_closure_that_no_scan_can_show_is_refused(fields, why):
-    scene = Scene()
-    assert why in scene.desk.receive(reported(**fields))
-    assert not scene.graph.has_news
+def test_a_closure_that_no_scan_can_show_is_refused(desk, graph, fields, why):
+    assert why in desk.receive(reported(**fields))
+    assert not graph.has_news
+
+
+def test_submaps_that_do_not_exist_displace_no_variances_of_others(desk, atlas, monkeypatch):
+    monkeypatch.setattr(closures, "OTHER_SUBMAPS_MAX", 4)
+    atlas.merge(("r3", 1), 0, 0, np.array([[FREE]]), 5)
+    for robot, numbers in (("r2", range(4)), ("r3", (1,)), ("r2", range(10, 20))):
+        parts = [pose_message(robot, LARGE, number, IDENTITY, variances=(0.5, 0.1)) for number in numbers]
+        desk.receive_submap_poses(joined_message(robot, LARGE, parts))
+    assert desk.variances_of(("r3", 1)) == (0.5, 0.5, 0.1)
+    assert len(desk._variances) <= 4

@@ -2,6 +2,7 @@ import math
 
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
@@ -81,3 +82,13 @@ def test_a_robot_whose_motes_contradict_its_wheels_says_that_it_is_lost_and_leav
     frames = [received.message.frame for received in patches.drain()]
     assert frames[0] == ARENA
     assert frames[-1].robot == "r1"
+
+
+def test_signals_reach_localisation_through_the_sensor_network(stage):
+    one = stage()
+    host = one.host("localisation", "mote_ranges", "snw_exploration")
+    network = host.manager.get("snw_exploration").plugin
+    for place in (Point2D(4.0, 0.0), None):
+        network.measured.notify(RssiMeasurement(mote="m1", place=place, rssi_dbm=-78.0, stamp_ns=0))
+    one.run(0.3)
+    assert one.call("localisation", "health")["signals"] == 1

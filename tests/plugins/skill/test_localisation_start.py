@@ -56,6 +56,16 @@ def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_els
     assert all("on the map of the others" in each["why"] for each in said)
 
 
+@pytest.mark.parametrize(("beams", "is_told"), [(0, False), (1, True), (90, True)])
+def test_whoever_sees_a_wall_tells_how_well_it_fits_the_teams_map(stage, beams, is_told):
+    one = stage()
+    host = one.host("localisation", "mapper", mapper=GRID)
+    standing(one, 1.0)
+    host.board.map_agreement = None
+    standing(one, 2.0, [2.0] * beams or [0.0] * 90)
+    assert (host.board.map_agreement is not None) == is_told
+
+
 def walls_at(T_arena_local):
     """The robot's own map of the square room, and where that lies."""
     grid = OccupancyGrid(GEOMETRY, surfaces=True)
@@ -186,3 +196,16 @@ def test_a_robot_whose_map_leaves_the_arena_frame_is_lost_for_the_same_reason_an
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
     assert host.board.shared(OwnMap).local_pose.trajectory == 0
     assert localisation.health().sigma_m < 0.1
+
+
+def test_a_robot_whose_map_lies_wrong_begins_another(stage):
+    one, host, _ = localised(stage, "mapper")
+    standing(one, 1.0)
+    trajectory = host.board.shared(OwnMap).local_pose.trajectory
+    host.board.shared(OwnMap).misplaced = "mates contradict"
+    standing(one, 0.3)
+    assert (host.board.shared(OwnMap).misplaced, host.board.lost) == ("", "mates contradict")
+    assert host.board.shared(OwnMap).local_pose.trajectory == trajectory + 1
+    standing(one, 1.0)
+    assert host.board.shared(OwnMap).local_map.trajectory == trajectory + 1
+    assert host.board.frame != ARENA

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S
+from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH
 from robrain.protocol.model.geometry import Point2D
@@ -19,9 +19,19 @@ WHY = "walls and wheels disagree"
 SAYS = f"r1 does not know where it is: {WHY}"
 
 
+PATIENCE_S = 25.0
+"""Shorter than that of the product."""
+
+
 @pytest.fixture
 def errands() -> Iterator[Build]:
     yield from open_errands("visit")
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robrain.plugins.behavior.travel.PATIENCE_S", PATIENCE_S)
+    monkeypatch.setattr(LostSearch.step, "__defaults__", (PATIENCE_S,))
 
 
 def lose(run: Errands) -> None:
@@ -105,3 +115,17 @@ def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, 
     run.run(3.0)
     assert run.status().state is TaskState.FAILED
     assert "does not know where it is" in run.status().why
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("impatient")
+def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
+    run = errands("idle")
+    lose(run)
+    run.run(PATIENCE_S - 5.0)
+    assert run.robot().board.behavior == "find itself"
+    run.run(10.0)
+    path_m = run.path_m()
+    run.run(15.0)
+    assert run.path_m() == path_m
+    assert run.robot().board.behavior == "idle"

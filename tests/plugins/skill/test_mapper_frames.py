@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robrain.algorithms.mapping.local_map import ArenaFix
 from robrain.algorithms.slam.map_patch import joined_message, pose_message
 from robrain.plugins.skill.mapper import frames as module
-from robrain.plugins.skill.mapper.frames import ANSWERS_MIN, FrameMove
+from robrain.plugins.skill.mapper.frames import ANSWERS_MAX, ANSWERS_MIN, FrameMove
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
@@ -134,6 +134,18 @@ def test_a_robot_that_hardly_knows_its_place_leaves_unless_it_is_alone_in_the_ar
         assert scene.frames.uncertainty_reason() == "", "it has left"
 
 
+@pytest.mark.parametrize(("variances", "joins"), [((1.1, 1.1, 0.001), False), ((400.0, 400.0, 4.0), True)])
+def test_a_robot_that_was_only_unsure_joins_only_where_its_last_place_allows(
+    variances: tuple[float, float, float], joins: bool
+) -> None:
+    scene = Scene()
+    scene.map(20, *PLACES, trajectory=0)
+    scene.mates_map(ARENA)
+    scene.graph.own[20].covariance = np.diag(variances)
+    scene.frames.part(scene.frames.uncertainty_reason())
+    assert any(scene.search(place) for place in PLACES) is joins
+
+
 def moved(number: int, place: Pose2D, frame: MapFrame, *, robot: str = "r2", withdrawn: bool = False) -> MapPatch:
     return pose_message(robot, WIDE, number, place, frame, withdrawn=withdrawn)
 
@@ -186,3 +198,17 @@ def test_a_robot_follows_a_mate_with_all_that_it_has_mapped_in_the_frame() -> No
     scene.frames.follow(FrameMove(ARENA, THERE.inverse()))
     assert (scene.frames.frame, scene.own.reason) == (ARENA, "")
     assert off(scene.own.T_arena_local, IDENTITY) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+MIDDLE = PLACES[1]
+
+
+def test_old_answers_are_forgotten_when_many_newer_ones_say_otherwise() -> None:
+    scene = lost()
+    for _ in range(2):
+        assert not scene.search(MIDDLE)
+    for n in range(1, ANSWERS_MAX + 1):
+        scene.mates_map(ARENA, Pose2D(0.4 * n, 0.0, 0.0))
+        assert not scene.search(MIDDLE)
+    scene.mates_map(ARENA, IDENTITY)
+    assert not scene.search(MIDDLE)

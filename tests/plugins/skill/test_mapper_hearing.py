@@ -3,15 +3,20 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import OwnMap
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import joined_message, to_message
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, UNKNOWN
-from tests.plugins.unit.frame_scene import WIDE
+from robrain.protocol.model.map_frame import ARENA
+from robrain.protocol.model.ranges import STAMP_MAX
+from tests.algorithms.mapping.lidar_floor import ROOM
+from tests.plugins.unit.frame_scene import PLACES, ROOM_CLASSES, T_OWN_FLOOR, WIDE
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -12.0, "origin_y_m": -12.0, "width_m": 24.0, "height_m": 24.0}
+WHY = "it was carried"
 
 
 def floor_at(column, robot, submap, observed_ms):
@@ -65,3 +70,49 @@ def test_a_start_is_held_only_against_what_was_seen_before_it(stage):
     ]
     assert not known(host.board.shared(OwnMap).map_of_others, 96), "only whole maps are asked for at the start"
     assert np.count_nonzero(host.board.shared(OwnMap).map_of_others.classes() != UNKNOWN) == 200
+
+
+class Lost:
+    """A robot r1 that maps ROOM in a frame of its own; r2 has mapped it in the arena frame."""
+
+    def __init__(self, stage):
+        self.one = stage()
+        self.host = self.one.host("mapper", mapper=GRID)
+        self.board = self.host.board
+        self.board.lost = WHY
+        self.board.pose_covariance = tuple(np.diag((0.01, 0.01, 0.001)).ravel().tolist())
+        self.told = self.one.inbox(ROBOT_MAP, robot="r1")
+        self.one.wire.token(ROBOT_ALIVE, robot="r2")
+        self.one.run(0.6)
+        self.say = self.one.publisher(ROBOT_MAP, robot="r2")
+
+    def mates_map(self):
+        cells = PatchCells(0, 0, ROOM_CLASSES, 500)
+        self.say.put(to_message("r2", WIDE, cells, 7))
+
+    def scan(self, place, seconds=0.6, each=lambda: None):
+        local = T_OWN_FLOOR.compose(place)
+        self.board.shared(OwnMap).local_pose = LocalPose(local, 1, NO_DRIFT, STAMP_MAX, True, 0.1, WHY)
+        ranges_m = ROOM.ranges_m(place).tolist()
+
+        def tick():
+            each()
+            self.one.stand_and_scan(ranges_m)
+
+        self.one.run(seconds, tick)
+        return self.board.frame
+
+    def way(self, each=lambda: None):
+        return [self.scan(place, each=each) == ARENA for place in (*PLACES, *PLACES[:2])]
+
+    @property
+    def T_arena_floor(self):
+        return self.board.shared(OwnMap).local_map.T_arena_local.compose(T_OWN_FLOOR)
+
+
+@pytest.mark.parametrize(("mate", "joins"), [(Pose2D(4.5, 3.0, 0.0), False), (Pose2D(11.0, 11.0, 0.0), True)])
+def test_where_a_mate_would_stand_that_is_not_there_a_lost_robot_does_not_join(stage, mate, joins):
+    """From each of its places it sees the walls behind the mate's; the other mate's place is out of sight."""
+    robot = Lost(stage)
+    robot.mates_map()
+    assert any(robot.way(lambda: robot.one.say_state("r2", mate))) == joins

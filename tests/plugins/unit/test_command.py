@@ -50,6 +50,10 @@ def test_command_tells_who_is_open_to_the_outside():
     assert COMMAND.plugins() == "battery driver"
 
 
+def test_a_second_plugin_of_the_class_is_not_let_in():
+    assert command(None).execute("this").startswith("error forbidden: ")
+
+
 def talk(*received):
     conversation = Conversation(COMMAND.execute)
     return [answer for part in received for answer in conversation.feed(part)] + list(conversation.end())

@@ -89,6 +89,28 @@ def test_a_frozen_lidar_is_named_and_told_and_the_robot_stands(robot, motion):
     assert robot.truth().collisions == 0
 
 
+def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_again_all_goes_on(robot):
+    robot.call("driver", "drive", 4.0)
+    robot.run(0.8)
+    robot.arena.robot("r1").lidar.is_frozen = True
+    robot.run(2.0)
+    assert robot.infos()["scan"].state == "active"  # it was restarted, and hands nothing on
+    assert robot.call("scan", "nearest_m") is None
+    known_m2 = robot.call("mapper", "known_area_m2")
+    robot.call("driver", "drive", 1.0)
+    robot.run(1.0)
+    assert robot.call("driver", "blocked_reason") == "there has been no fresh scan"
+    assert robot.call("mapper", "known_area_m2") == known_m2
+    robot.run(4.0)
+    assert "nothing but the turn that it froze in" in robot.told.drain()[-1].message.value
+    robot.arena.robot("r1").lidar.is_frozen = False
+    robot.run(3.0)
+    x_m = robot.truth().pose.x_m
+    robot.call("driver", "drive", 0.5)
+    robot.run(3.0)
+    assert robot.truth().pose.x_m == pytest.approx(x_m + 0.5, abs=0.05)
+
+
 # -- what the lidar does not see --------------------------------------------------------------------------------
 
 

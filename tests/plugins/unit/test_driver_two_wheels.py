@@ -82,3 +82,11 @@ def test_it_stands_and_turns_while_it_touches_something_ahead_although_its_way_l
     robot.bump()
     robot.step(8)
     assert robot.wheels.twist.forward_m_s > 0.1
+
+
+def test_it_backs_away_from_a_wall_right_ahead(robot: BareDriver) -> None:
+    robot.lidar.wall_m = 0.21
+    robot.plugin.drive(-1.0)
+    run(robot)
+    assert robot.ends[0].outcome is Outcome.DONE
+    assert robot.wheels.at.x_m == pytest.approx(-1.0, abs=0.02)

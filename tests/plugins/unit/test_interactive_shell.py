@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.agent.errors import HardwareAbsent
+from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.plugins.unit.interactive_shell import InteractiveShell
 from robrain.protocol.wire.endpoint import Drive
 from tests.waiting import PATIENCE_S, until
@@ -51,6 +51,17 @@ def test_commands_are_answered_until_the_plugin_is_deactivated():
         os.close(terminal)
 
 
+def test_no_terminal_is_opened_unless_enabled():
+    plugin = shell(enabled=False, terminal="/nowhere")
+    plugin.activate()
+    plugin.deactivate()
+
+
 def test_missing_terminal_is_absent_hardware():
     with pytest.raises(HardwareAbsent, match="no terminal at /nowhere: No such file"):
         shell(enabled=True, terminal="/nowhere").activate()
+
+
+def test_lockstep_run_has_no_terminal():
+    with pytest.raises(PluginError, match="live drive"):
+        shell(drive=Drive.LOCKSTEP, enabled=True, terminal="/nowhere").activate()

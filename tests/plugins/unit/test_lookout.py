@@ -1,5 +1,6 @@
 """How far a direction is free, by lidar, range sensors and bump contacts, in numbers."""
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -22,6 +23,8 @@ from robrain.plugins.unit.obstacle_distance import (
     ring_points_m,
     scan_points_m,
 )
+from robrain.protocol.can.frames import codec
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Pose2D
 
 RADIUS_M, STOP_M, SURE_M = 0.2, 0.08, 0.03
@@ -222,3 +225,50 @@ def test_a_robot_without_arrays_sees_the_same_points(monkeypatch):
     assert [list(map(list, each)) for each in without] == list(with_arrays)
     assert list(map(list, obstacles.joined(*without))) == both
     assert obstacles.joined(without[0], np.array(with_arrays[1])).tolist() == both  # navigation was loaded meanwhile
+
+
+FAR = [0.0] * 180
+"""A lidar that hits nothing."""
+
+
+@pytest.fixture
+def robot(stage):
+    """A robot whose sensors say what the test has them say."""
+    one = stage()
+    one.host("obstacle_distance")
+    bus, count = one.bus(), itertools.count()
+
+    def ring(*ranges_m):
+        values = {f"range_{sensor}_m": range_m for sensor, range_m in enumerate(ranges_m, 1)}
+        bus.send(codec("RangeRing1").pack(next(count), **values))
+
+    one.ring = ring
+    return one
+
+
+def scan_with(direction_deg, range_m):
+    ranges_m = list(FAR)
+    ranges_m[round((direction_deg + 180) / 2) % 180] = range_m
+    return ranges_m
+
+
+def test_before_any_sensor_has_spoken_nothing_is_known(robot):
+    robot.run(0.5)
+    view = robot.call("obstacle_distance", "view")
+    assert view == {"distances_m": [None] * 12, "sees": [], "nearest_m": None, "nearest_rad": None, "touched_rad": []}
+
+
+def test_of_two_sensors_the_nearer_counts(robot):
+    robot.scan(scan_with(0, 1.0))
+    robot.ring(0.4, 2.55, 2.55, 0.9, 2.55, 2.55)
+    robot.run(0.1)
+    view = robot.call("obstacle_distance", "view", 6)
+    assert view["distances_m"] == [0.4, None, None, 0.9, None, None]
+    assert view["sees"] == ["scan", "range_sensors"]
+
+
+@pytest.mark.parametrize("sectors", [0, -1, 361])
+def test_a_number_of_sectors_that_is_none_is_refused(robot, sectors):
+    with pytest.raises(CallError, match="expected 1 to 360 sectors") as refusal:
+        robot.call("obstacle_distance", "view", sectors)
+    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS

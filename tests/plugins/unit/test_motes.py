@@ -2,8 +2,8 @@
 
 import pytest
 
-from robrain.plugins.unit.snw_exploration.asking import WAIT_NS, OverHops
-from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, MoteRecord, ReadingStore
+from robrain.plugins.unit.snw_exploration.asking import FRESH_NS, WAIT_NS, OverHops
+from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty, MoteReading
@@ -15,8 +15,10 @@ from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DUTY_TYPE,
     FORWARDED_TYPE,
+    NO_PLACE,
     READING_TYPE,
     REQUEST_TYPE,
+    ROUTE_MAX,
     ROUTED_TYPE,
     STORED_TYPE,
     DutyPayload,
@@ -33,6 +35,7 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 # number, sequence, oldest, age and period in 0.1 s, mV, quantity, hundredths, x and y in 0.1 m, dBm.
 WARM = bytes.fromhex("00 ffff 0003 18 22 52  0003 0102 0102 00000000 0028 0b54 01 00000866 0032 ffec b5")
 DARK = bytes.fromhex("00 ffff 0007 18 22 53  0007 ffff fff0 000004b0 0bb8 0834 02 fffffe0c 0000 0141 a6")
+SHORT_READING = bytes.fromhex("00 ffff 0003 04 22 52  0003 0102")
 MALFORMED = [b"", b"\x00\xff", WARM[:-1], WARM + b"\x00", b"\x45" + WARM[1:]]
 
 
@@ -118,6 +121,14 @@ def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):
 # -- the table ------------------------------------------------------------------------------------------------
 
 
+def test_a_packet_that_says_to_be_a_reading_and_is_none_is_counted(talk):
+    one = talk()
+    one.hear(SHORT_READING)
+    assert one.counters()["unreadable"] == 1
+    assert one.one.infos()["snw_exploration"].state == "active"
+    assert one.readings() == []
+
+
 @pytest.mark.parametrize("bytes_", MALFORMED, ids=range(len(MALFORMED)))
 def test_bytes_that_are_no_packet_are_counted_and_dropped(talk, bytes_):
     one = talk()
@@ -125,6 +136,13 @@ def test_bytes_that_are_no_packet_are_counted_and_dropped(talk, bytes_):
     counters = one.one.call("mote_base", "counters")
     assert (counters["packets"], counters["malformed"], counters["dropped"]) == (1, 1, 0)
     assert len(one.readings()) == 1
+
+
+def test_motes_beyond_the_most_are_not_taken_in(talk):
+    one = talk(max_motes=2)
+    one.hear(*(packet(1, mote=mote) for mote in (1, 2, 3)))
+    assert [row["mote"] for row in one.one.call("snw_exploration", "motes")] == ["m1", "m2"]
+    assert one.counters()["refused"] == 1
 
 
 # -- asking for what is stored --------------------------------------------------------------------------------
@@ -147,6 +165,16 @@ def test_a_visit_collects_everything_that_was_missed_and_then_lets_the_mote_forg
     assert acknowledged(said)[-1] == SequenceRange(0, 41)
     assert sorted(reading.sequence for reading in one.readings()) == list(range(42))
     assert one.row()["missing"] == 0
+
+
+def test_no_more_than_three_motes_are_asked_unheard(talk):
+    one = talk(weak_copies=1)
+    one.hear(*(packet(20, mote=mote, oldest=15, rssi_dbm=-88) for mote in range(1, 9)))
+    one.one.run(2.0)
+    one._sent.drain()
+    one.one.run(3.0)
+    sought = {ActiveMessage.unpack(received.message).destination for received in one._sent.drain()}
+    assert len(sought) == 3
 
 
 # -- duty -----------------------------------------------------------------------------------------------------
@@ -172,6 +200,14 @@ def test_a_duty_on_the_wire_reaches_the_mote_when_it_is_heard_and_until_it_has_i
 def test_a_wish_without_sense_is_refused_in_words(talk, mote, period_s, sentence):
     with pytest.raises(CallError, match=sentence):
         talk().one.call("snw_exploration", "set_duty", mote, period_s)
+
+
+def test_wishes_without_sense_on_the_wire_are_counted(talk):
+    one = talk()
+    one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=0.0))
+    one.one.publisher(MOTE_DUTY, mote="bob").put(MoteDuty(mote="bob", period_s=5.0))
+    one.hear(packet(1))
+    assert one.counters()["refused"] == 2
 
 
 def passed_on(sequence: int, *, hops: int = 2) -> bytes:
@@ -251,6 +287,17 @@ def test_stored_readings_follow_in_order_before_new_ones_one_of_each_mote_at_a_t
     assert net.store.waiting == 0
 
 
+def test_the_oldest_readings_of_the_mote_with_the_most_are_dropped_and_counted(wire) -> None:
+    net = Net(wire, 4)
+    net.hear("m2", 1, 2, 3)
+    net.hear("m3", 7, 8, 9)
+    assert (net.store.waiting, net.store.dropped) == (4, 2)
+    net.there(True)
+    net.step(10)
+    assert (net.numbers("m2"), net.numbers("m3")) == ([2, 3], [8, 9])
+    assert {reading.dropped for reading in net.told} == {2}
+
+
 SECOND_NS = to_ns(1.0)
 
 
@@ -292,3 +339,41 @@ def test_a_duty_is_said_again_after_a_while_and_no_more_once_it_is_confirmed():
     assert kinds(base.hears(3, after_ns=WAIT_NS)) == [DUTY_TYPE]
     assert base.hears(4, period_ds=90, after_ns=WAIT_NS) == []
     assert base.hears(5, period_ds=40, after_ns=WAIT_NS) == []
+
+
+def test_only_what_has_come_without_a_gap_is_acknowledged():
+    base = Base()
+    said = [packet for number in (0, 1, 2, 3, 4, 5, 6, 8) for packet in base.hears(number)]
+    assert ACKNOWLEDGE_TYPE not in kinds(said)
+    said = base.hears(7)
+    assert [(packet.kind, packet.inner.hex()) for packet in said] == [(ACKNOWLEDGE_TYPE, "00000008")]
+
+
+def reading(**changes):
+    values = {
+        "mote": 3, "sequence": 7, "oldest": 7, "period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE,
+        "value_centi": 2150, "x_dm": 50, "y_dm": -20, "rssi_dbm": -70,
+    }  # fmt: skip
+    return ReadingPayload(**values | changes)
+
+
+def test_only_a_mote_with_neither_coordinate_has_no_place():
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=NO_PLACE)) is None
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=10)) == Point2D(NO_PLACE / 10, 1.0)
+
+
+def test_a_way_that_is_old_too_long_or_a_circle_is_none():
+    base = Base()
+    base.hears(0)
+    assert base.over.route(3, base.now_ns) == (1, 2, 3)
+    assert base.over.route(9, base.now_ns) is None
+    assert base.over.route(3, base.now_ns + FRESH_NS + 1) is None
+    base.hears(1, parent=3)
+    assert base.over.route(3, base.now_ns) is None
+    reading = ReadingPayload(
+        mote=3, sequence=0, oldest=0, period_ds=40, voltage_mv=3000, quantity=1, value_centi=0, x_dm=0, y_dm=0
+    )
+    for number in range(2, 20):
+        base.over.received_forwarded(MoteRecord(f"m{number}", number, 64), reading, number - 1, base.now_ns)
+    assert base.over.route(ROUTE_MAX + 1, base.now_ns) == tuple(range(1, ROUTE_MAX + 2))
+    assert base.over.route(ROUTE_MAX + 2, base.now_ns) is None

@@ -11,11 +11,12 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Mailbox
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.live_drive import run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
-from robrain.plugins.unit.program import Program, ProgramEnded, ProgramLate
+from robrain.plugins.unit.program import BadLine, Program, ProgramAbsent, ProgramEnded, ProgramLate
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
@@ -77,6 +78,33 @@ def test_one_line_in_one_line_out(start):
     assert bench.plugin.state().lines == 2
 
 
+def test_json_goes_in_and_comes_out_a_document_a_line(start):
+    double = (
+        "import json, sys\nfor line in sys.stdin: print('noise'); print(json.dumps(json.loads(line) * 2), flush=True)"
+    )
+    bench = start(double, input="json", output="json")
+    assert bench.plugin.send('[1,\n "two"]') == '[1, "two", 1, "two"]'
+    assert bench.plugin.state().lines_skipped == 1
+    with pytest.raises(BadLine, match="tool takes JSON"):
+        bench.plugin.send("{")
+
+
+@pytest.mark.parametrize("text", ["two\nlines", "two\rlines", "x" * 65])
+def test_what_is_no_line_is_not_given_to_it(start, text):
+    bench = start(max_line_bytes=64)
+    with pytest.raises(BadLine, match="tool takes"):
+        bench.plugin.send(text)
+    assert bench.plugin.send("x" * 64) == "X" * 64
+
+
+def test_lines_that_are_too_long_are_left_out_and_cost_no_memory(start, caplog):
+    code = "import sys\nfor _ in range(200): sys.stdout.write('x' * 100_000)\nprint('\\nshort', flush=True)\ninput()"
+    bench = start(code, max_line_bytes=1000)
+    bench.until(lambda: bench.told == ["short"])
+    assert bench.plugin.state().lines_skipped == 1
+    assert "ignored a line of more than 1000 bytes" in caplog.text
+
+
 def test_a_program_that_does_not_answer_in_time_is_killed(start):
     bench = start("import sys\nfor line in sys.stdin: pass", time_limit_s=0.2)
     with pytest.raises(ProgramLate, match=r"tool did not answer within 0\.2 s and was killed") as caught:
@@ -84,6 +112,12 @@ def test_a_program_that_does_not_answer_in_time_is_killed(start):
     assert caught.value.code is ErrorCode.TIMEOUT
     with pytest.raises(ProgramEnded, match="SIGKILL"):
         bench.until(lambda: False)
+
+
+def test_a_program_that_does_not_read_holds_nobody_up(start):
+    bench = start("import time; time.sleep(60)", time_limit_s=0.2, max_line_bytes=1_000_000)
+    with pytest.raises(ProgramLate, match="did not take a line"):
+        bench.plugin.write_line("x" * 1_000_000)
 
 
 def test_a_program_that_has_done_its_work_is_no_fault(start):
@@ -120,6 +154,19 @@ def test_stderr_is_logged_and_a_flood_of_it_is_counted(start, caplog):
     assert "tool: oops 0" in caplog.text
     assert "more lines on stderr were not logged" in caplog.text
     assert sum("oops" in record.getMessage() for record in caplog.records) < 1000
+
+
+def test_a_missing_executable_is_absent_hardware():
+    bench = Bench(command=["no-such-program"])
+    with pytest.raises(ProgramAbsent, match="no executable no-such-program: install it") as caught:
+        bench.start()
+    assert isinstance(caught.value, HardwareAbsent)
+
+
+def test_in_lockstep_it_says_that_it_keeps_no_step():
+    bench = Bench(Drive.LOCKSTEP, command=["cat"])
+    with pytest.raises(Exception, match="programs run only in the live drive"):
+        bench.start()
 
 
 def test_runs_leave_no_thread_and_no_descriptor(start):

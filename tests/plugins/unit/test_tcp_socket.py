@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from robrain.agent.errors import PluginError
 from robrain.plugins.unit import tcp_socket as server
 from robrain.plugins.unit.tcp_socket import TcpSocket
 from robrain.protocol.wire.endpoint import Drive
@@ -142,3 +143,17 @@ def test_deactivation_cuts_clients_off_and_leaves_no_thread(listening):
     plugin.deactivate()  # twice does no harm
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+
+
+def test_a_port_that_is_taken_is_named(listening):
+    taken = listening().port()
+    with pytest.raises(PluginError, match=f"tcp_socket cannot listen on 127.0.0.1 port {taken}"):
+        tcp_socket(port=taken).activate()
+
+
+def test_in_lockstep_it_says_why_it_does_not_listen(stage):
+    one = stage()
+    one.host("tcp_socket", tcp_socket={"enabled": True})
+    info = one.infos()["tcp_socket"]
+    assert info.state == "faulted"
+    assert "only in the live drive" in info.why

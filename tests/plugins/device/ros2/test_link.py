@@ -11,8 +11,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile
 
+from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.ros2 import link as link_module
-from robrain.plugins.device.ros2.link import Ros2Parameters, close_links, open_link
+from robrain.plugins.device.ros2.link import Ros2Parameters, close_links, environment_domain, open_link
 from robrain.protocol.wire.endpoint import Drive
 from tests.ros_domain import Domain
 from tests.waiting import until
@@ -116,3 +117,34 @@ def test_a_callback_that_raises_is_the_failure_of_the_node_and_the_next_plugin_g
         link.publisher(Twist, "/r1/cmd_vel", QOS)
     assert link.publishers("/r1/odom") == 0
     assert opened().failure == ""
+
+
+def test_a_topic_whose_publisher_has_gone_is_told(domain, monkeypatch):
+    monkeypatch.setattr(link_module, "DISCOVERY_S", 0.0)
+    link, robot = opened(), opened("robot")
+    assert link.is_gone("/r1/odom")
+    publisher = robot.publisher(Twist, "/r1/odom", QOS)
+    until(lambda: not link.is_gone("/r1/odom"))
+    publisher.close()
+    until(lambda: link.is_gone("/r1/odom"))
+
+
+def test_close_ends_the_thread_and_what_comes_later_does_nothing(domain):
+    link = opened()
+    inbox = link.subscribe(Twist, "/r1/cmd_vel", QOS, lambda: None)
+    publisher = link.publisher(Twist, "/r1/cmd_vel", QOS)
+    close_links()
+    assert not threads()
+    inbox.close()
+    publisher.close()
+    link.close()
+
+
+def test_the_domain_is_that_of_the_parameter_else_of_the_environment(domain, monkeypatch):
+    assert opened().domain_id == domain.id
+    monkeypatch.setenv("ROS_DOMAIN_ID", "900")
+    with pytest.raises(HardwareAbsent, match=r"expected \$ROS_DOMAIN_ID from 0 to 232, got '900'"):
+        opened()
+    assert opened("r2", domain_id=domain.id).domain_id == domain.id
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    assert environment_domain() == 0

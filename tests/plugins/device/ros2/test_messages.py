@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from robrain.plugins.device.bm2.interface import BadReading
+from robrain.plugins.device.imu import ImuMotion
 from robrain.plugins.device.ros2.ros2_base import read_odometry
 from robrain.plugins.device.ros2.ros2_battery import read_battery
 from robrain.plugins.device.ros2.ros2_imu import read_imu
@@ -86,6 +87,12 @@ def test_a_stamp_is_that_of_the_first_beam_and_the_turn_counts_as_of_its_middle(
 def test_a_turn_that_cannot_be_is_refused(message):
     with pytest.raises(BadMessage, match="expected"):
         read(message)
+
+
+def test_what_the_unit_does_not_measure_is_left_out_or_refused():
+    assert read_imu(imu(0.5, 1.0, 2.0, has_acceleration=False))[1] == ImuMotion(0.5)
+    with pytest.raises(BadMessage, match="does not measure its angular velocity"):
+        read_imu(imu(0.5, has_rate=False))
 
 
 @pytest.mark.parametrize(

@@ -145,6 +145,14 @@ def test_a_halted_robot_is_told_to_stand_until_it_is_resumed(robot):
     assert robot.commands[-1] == (0.5, 0.0, 0.0)
 
 
+def test_a_robot_that_has_never_spoken_is_no_fault_and_is_told_in_words(robot):
+    robot.link.present.clear()
+    robot.run(5.0)
+    assert robot.state()[0] == "active"
+    assert not robot.device.is_fresh()
+    assert robot.device.trouble() == "no odometry: /r1/odom has no publisher in ROS domain 7"
+
+
 def test_odometry_that_stops_is_a_fault_with_its_name_and_the_wheels_are_stopped(robot):
     told = robot.one.inbox(ROBOT_EVENT, robot="r1", plugin="mocdevice")
     robot.run(1.0, lambda: robot.say(GONE))
@@ -269,6 +277,26 @@ def test_at_the_end_everything_is_released(robot):
     assert all(inbox.is_closed for inbox in robot.link.inboxes.values())
     assert all(publisher.is_closed for publisher in robot.link.heard.values())
     assert robot.link.ticks == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plugin", "wrong", "what"),
+    [
+        ("mocdevice", {"odom": "odom now"}, "topic such as"),
+        ("mocdevice", {"namespace": "/r 1"}, "namespace"),
+        ("mocdevice", {"domain_id": 233}, "domain_id <= 232"),
+        ("mocdevice", {"silent_s": 0.0}, "silent_s"),
+        ("scan", {"beams": 0, "mount": {"x_m": 0.1}}, "beams > 0"),
+        ("scan", {"mount": {"yaw_rad": 7.0}}, "mount: expected yaw_rad"),
+        ("bm2", {"current_a": math.nan}, "finite"),
+        ("imu", {"mounted_yaw_rad": math.inf}, "finite mounted_yaw_rad"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_named(build, plugin, wrong, what):
+    robot = build(**{plugin: wrong})
+    assert robot.state(plugin)[0] != "active"
+    assert what in robot.state(plugin)[1]
 
 
 def test_a_ros_robot_does_not_run_in_lockstep(stage):

@@ -12,7 +12,7 @@ from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, odometry
 
@@ -100,6 +100,41 @@ def test_the_end_of_a_path_is_a_goal_in_the_frame_of_the_robots_own_odometry(rob
     assert robot.driver.motion() is Motion.DRIVING
 
 
+@pytest.mark.parametrize(
+    ("function", "arguments", "x_m", "y_m", "yaw_rad"),
+    [
+        ("turn", (0.5,), 0.0, 0.0, 0.5),
+        ("turn", (1.5 * math.pi,), 0.0, 0.0, -math.pi / 2),
+        ("drive", (-2.0,), -2.0, 0.0, 0.0),
+        ("go_to", (1.0, 2.0, 7.0), 1.0, 2.0, 7.0 - math.tau),
+        ("drive_path", ([Point2D(1.0, 1.0)],), 1.0, 1.0, math.pi / 4),
+        ("drive_path", ([Point2D(1.0, 1.0), Point2D(1.0, 3.0)],), 1.0, 3.0, math.pi / 2),
+    ],
+)
+def test_each_action_has_an_id_and_is_a_goal_of_its_pose(robot, function, arguments, x_m, y_m, yaw_rad):
+    action = getattr(robot.driver, function)(*arguments)
+    assert action is not None
+    ((_, goal, _frame),) = robot.nav2.goals
+    expected = START.compose(Pose2D(x_m, y_m, yaw_rad))
+    assert (goal.x_m, goal.y_m) == (pytest.approx(expected.x_m), pytest.approx(expected.y_m))
+    assert math.remainder(goal.yaw_rad - expected.yaw_rad, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_path_that_ends_where_the_one_before_does_is_no_new_goal(robot):
+    robot.driver.follow([Point2D(1.0, 0.0), Point2D(2.0, 0.0)])
+    robot.driver.follow([Point2D(1.5, 0.0), Point2D(2.05, 0.01)])
+    assert len(robot.nav2.goals) == 1
+    robot.driver.follow([Point2D(1.5, 0.0), Point2D(2.5, 0.0)])
+    assert len(robot.nav2.goals) == 2
+
+
+def test_an_action_ends_with_its_goal(robot):
+    robot.driver.go_to(1.0, 0.0, 0.5)
+    robot.nav2.end(GoalState.ARRIVED)
+    robot.run(0.2)
+    assert robot.ends() == [("done", "")]
+
+
 def test_the_end_of_a_goal_that_was_replaced_is_not_that_of_the_new_one(robot):
     robot.driver.drive(1.0)
     robot.nav2.end(GoalState.CANCELLED)
@@ -123,6 +158,16 @@ def test_a_goal_that_fails_blocks_the_robot_and_is_sent_again_until_its_patience
     assert len(robot.nav2.goals) == 3
     assert robot.ends() == [("failed", "Nav2 does not get there: error 204, for 3 s")]
     assert robot.driver.motion() is Motion.STOPPED
+
+
+def test_a_robot_that_moves_on_is_not_blocked_any_more(robot):
+    robot.driver.follow([Point2D(2.0, 0.0)])
+    robot.nav2.end(GoalState.FAILED, "no way")
+    robot.run(1.3)
+    assert robot.driver.blocked_s() > 1.0
+    robot.one.run(0.3, lambda: robot.stand(START, Twist2D(0.3, 0.0, 0.0)))
+    assert robot.driver.blocked_s() == 0.0
+    assert robot.driver.motion() is Motion.DRIVING
 
 
 @pytest.mark.parametrize("stop", [lambda robot: robot.driver.stop(), lambda robot: robot.driver.follow([])])
@@ -150,3 +195,14 @@ def test_at_the_end_the_goal_is_cancelled_and_the_node_released(robot):
     robot.host.close()
     assert robot.nav2.is_closed
     assert robot.link.users == 0
+
+
+def test_where_nav2_is_not_installed_the_driver_says_so(stage, monkeypatch):
+    one, link = stage(), Link()
+    link.clock = one.clock
+    for module in (topic_device, ros2_navigator):
+        monkeypatch.setattr(module, "open_link", link.opened)
+    roles = {"mocdevice": "ros2_base", "driver": "ros2_navigator"}
+    host = one.add(RobotFile(robot=RobotTable("r1", "test", load=["driver", "command"], roles=roles)))
+    host.start()
+    assert "nav2_msgs is not installed: it comes with Nav2" in one.infos()["driver"].why
