@@ -81,23 +81,15 @@ class Budget:
         Raises: PluginMissing, AccessDenied, PluginBusy: it is not available.
 
         """
-        self._energy = self._env.use("energy", EnergyInterface)
+        self.energy = self._env.use("energy", EnergyInterface)
         self.home = self._env.use("home", HomeInterface)
         self._planner = self._env.use("planner", PlannerInterface)
         self.docks = Docks(self._env.robot, self._travel)
 
     def judge(self, work: Work, home_m: float) -> BudgetVerdict:
         """Whether this work and then a path home of this length are affordable now."""
-        bound_j = self._energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
-        return BudgetVerdict(bound_j, self._energy.usable_j(), self._energy.estimate(work).duration_s)
-
-    def duration_s(self, work: Work) -> float:
-        """Duration of this work."""
-        return self._energy.estimate(work).duration_s
-
-    def learn(self, work: Work, cost_j: float) -> None:
-        """Report the cost of a work that went as planned."""
-        self._energy.outcome(work, cost_j)
+        bound_j = self.energy.estimate(work + Work(path_m=home_m)).high_j(CONFIDENCE)
+        return BudgetVerdict(bound_j, self.energy.usable_j(), self.energy.estimate(work).duration_s)
 
     def path_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
         """The nearest charger and the length of the path to it from a place; without one, the robot's start.
@@ -166,8 +158,7 @@ class Docks:
 
     def waiting(self, chargers: Sequence[ChargerPlace]) -> list[NearbyRobot]:
         """Teammates that want to charge and have no charger."""
-        pose = self._travel.pose()
-        near = self._travel.teammates.nearby(Point2D(pose.x_m, pose.y_m), self._travel.teammate_near_m)
+        near = self._travel.teammates.nearby(self._travel.place(), self._travel.teammate_near_m)
         return [teammate for teammate in near if teammate.behavior == RECHARGES and not _has_one(teammate, chargers)]
 
     def charging(self, chargers: Sequence[ChargerPlace]) -> list[NearbyRobot]:

@@ -152,7 +152,7 @@ class Errand(Behavior, ABC, Generic[P]):
 
     def left_s(self, run: Run[P]) -> float | None:
         """Estimate of a task's remaining time; None if it is unknown."""
-        return self.budget.duration_s(self._left(run))
+        return self.budget.energy.estimate(self._left(run)).duration_s
 
     def go(self, goal: Point2D) -> Part:
         """Go to a place, arena frame, and stop there."""
@@ -303,8 +303,7 @@ class Errand(Behavior, ABC, Generic[P]):
         path = self.travel.plan(goal)
         if path is None:
             return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
-        pose = self.travel.pose()
-        path_m = length_m([Point2D(pose.x_m, pose.y_m), *path])
+        path_m = length_m([self.travel.place(), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
         run = Run(task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m)
         reason = self.refusal(run)
@@ -353,15 +352,14 @@ class Errand(Behavior, ABC, Generic[P]):
         if self.run is not None:
             self.run.there_ns = self._now_ns()
             self.run.away_m = self.away_m(task.place)
-        result = yield from self.do(task, parameters)
-        return result
+        return (yield from self.do(task, parameters))
 
     def _report_outcome(self) -> None:
         """The robot is there: learn from the cost of the path, if it went as planned."""
         run = self.run
         if run is not None and run.is_as_planned and run.path_m >= REPORTED_PATH_M:
             run.is_as_planned = False  # learn once from one path
-            self.budget.learn(Work(path_m=run.path_m), run.energy_j)
+            self.budget.energy.outcome(Work(path_m=run.path_m), run.energy_j)
 
     def finish(self, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""

@@ -213,8 +213,7 @@ class ReplaceBehavior(Errand[Replace]):
 
         Result: reported `readings`, `off_m` from the place.
         """
-        pose, off_m = self.travel.pose(), self.away_m(task.place)
-        place = Point2D(pose.x_m, pose.y_m)
+        place, off_m = self.travel.place(), self.away_m(task.place)
         publisher = self.env.wire.publisher(MOTE_READING, mote=replace.mote)
         readings = 0
         next_ns = self.env.clock.now_ns()

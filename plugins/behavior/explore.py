@@ -337,8 +337,7 @@ class ExploreBehavior(Behavior):
         if now_ns < self._decide_due_ns:
             return
         self._decide_due_ns = now_ns + to_ns(DECIDE_PERIOD_S)
-        pose, own = travel.pose(), None if self._task is None else self._task.place
-        place = Point2D(pose.x_m, pose.y_m)
+        place, own = travel.place(), None if self._task is None else self._task.place
         teammates = travel.teammates.nearby(place, EVERYWHERE_M)
         if own is not None and not teammates:
             return  # no other robot can explore its goal first
@@ -366,8 +365,7 @@ class ExploreBehavior(Behavior):
             self._team.record_visit(goal)
         else:
             self._team.record_failure(self.env.robot, goal, now_ns)
-            pose = self._travel.pose()
-            self._team.record_gap(Point2D(pose.x_m, pose.y_m), (result or {}).get(GAP), now_ns)
+            self._team.record_gap(self._travel.place(), (result or {}).get(GAP), now_ns)
 
     def _record_strategy(self, name: str, reason: str) -> None:
         self.env.wire.refusals.record_failure("exploration_strategy", name, reason)
@@ -386,7 +384,8 @@ class ExploreBehavior(Behavior):
 
     def _let_go(self, _reason: str) -> None:
         self._task, self._is_own = None, False
-        self._stop()
+        self._travel.stop()
+        self.env.board.behavior = IDLE
 
     def _finish(self, state: TaskState, reason: str, result: dict[str, float] | None = None) -> None:
         task, self._task = self._task, None
@@ -401,8 +400,4 @@ class ExploreBehavior(Behavior):
             self._travel.coast()
         if task is not None:
             self.env.tasks.end(task.id, state, reason, result)
-        self.env.board.behavior = IDLE
-
-    def _stop(self) -> None:
-        self._travel.stop()
         self.env.board.behavior = IDLE

@@ -74,8 +74,7 @@ class Queue:
         free = self._free(usable)
         if self._wanted in free or not free:
             return self._wanted if free else None
-        pose = self._errand.travel.pose()
-        return min(self._errand.budget.routes(Point2D(pose.x_m, pose.y_m), free), key=lambda route: route[1])[0]
+        return min(self._errand.budget.routes(self._errand.travel.place(), free), key=lambda route: route[1])[0]
 
     def leave_out(self, charger: ChargerPlace, reason: str) -> None:
         """Skip a useless charger for a while."""
@@ -145,10 +144,9 @@ class Queue:
         nearest = min(chargers, key=lambda charger: pose.distance_m(charger.place))
         if CLEAR_M <= pose.distance_m(nearest.place) <= NEAR_M:
             return None
-        here = Point2D(pose.x_m, pose.y_m)
         radius_m = travel.driver.radius_m()
         occupied = [(charger.place, CLEAR_M) for charger in chargers]
-        for teammate in travel.teammates.nearby(here, travel.teammate_near_m):
+        for teammate in travel.teammates.nearby(travel.place(), travel.teammate_near_m):
             occupied.append((Point2D(teammate.pose.x_m, teammate.pose.y_m), radius_m + teammate.radius_m + APART_M))
             occupied.append((teammate.bound, radius_m + teammate.radius_m + APART_M))
         places = [
@@ -469,7 +467,7 @@ class RechargeBehavior(Errand[Recharge]):
         pose = self.travel.pose()
         is_at_one = any(pose.distance_m(charger.place) <= AT_DOCK_M for charger in chargers)
         if is_at_one and self.budget.docks.waiting(chargers) and self.env.tasks.occupy(self.env.plugin):
-            here = Point2D(pose.x_m, pose.y_m)
+            here = self.travel.place()
             task = Task(id=f"aside-{self.env.robot}", kind=VISIT, place=here)
             queue = Queue(self, task, None)
             self.accept_task(Run(task, Recharge(), queue.move_aside, here, 0.0, 0.0, own="make room"))
@@ -478,8 +476,7 @@ class RechargeBehavior(Errand[Recharge]):
         """Go to the nearest charger, or where the robot started; later, if a task has yet to be given back."""
         if self.env.tasks.is_busy:
             return
-        pose = self.travel.pose()
-        here = Point2D(pose.x_m, pose.y_m)
+        here = self.travel.place()
         charger, _ = self.budget.path_home(here)
         goal = charger.place if charger is not None else self.budget.home.start()
         path = None if goal is None else self.travel.plan(goal)

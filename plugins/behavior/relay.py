@@ -167,8 +167,7 @@ class RelayBehavior(Errand[Relay]):
         path = self.travel.plan(end)
         if not path:
             return None
-        pose = self.travel.pose()
-        at, left_m = Point2D(pose.x_m, pose.y_m), self.parameters.step_m
+        at, left_m = self.travel.place(), self.parameters.step_m
         for corner in path:
             leg_m = corner.distance_m(at)
             if leg_m >= left_m:
@@ -176,4 +175,4 @@ class RelayBehavior(Errand[Relay]):
                 at = Point2D(at.x_m + share * (corner.x_m - at.x_m), at.y_m + share * (corner.y_m - at.y_m))
                 break
             at, left_m = corner, left_m - leg_m
-        return at if at.distance_m(place) <= self.parameters.stray_m and pose.distance_m(at) > 0.1 else None
+        return at if at.distance_m(place) <= self.parameters.stray_m and self.away_m(at) > 0.1 else None

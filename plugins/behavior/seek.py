@@ -173,7 +173,7 @@ class Climb:
         top = -math.inf
         while stuck < STUCK_MAX:
             self._check_time()
-            here = self._here()
+            here = self._travel.place()
             fit = self._fit(here)
             if fit is not None and self._is_near(fit, here) and fit.summit is not None:
                 found = yield from self._drive_around_summit(fit.summit)
@@ -196,7 +196,7 @@ class Climb:
 
     def _probe(self) -> Generator[None, None, None]:
         for turn in range(3):
-            self._sample(self._here())
+            self._sample(self._travel.place())
             yield from self._drive(_off(self._place, PROBE_M, turn * math.tau / 3))
         if not len(self._field):
             raise Failed(f"nothing tells {self._seek.quantity}: neither the robot's own board nor a mote that is heard")
@@ -224,12 +224,12 @@ class Climb:
     def _circle(self, middle: Point2D) -> Generator[None, None, int]:
         """Drive around a place; returns the number of reached points of the circle."""
         reached = 0
-        here = self._here()
+        here = self._travel.place()
         begin_rad = math.atan2(here.y_m - middle.y_m, here.x_m - middle.x_m)
         for point in range(CIRCLE_POINTS):
             goal = _off(middle, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
             got_there = yield from self._drive(goal)
-            reached += got_there and self._here().distance_m(goal) < CIRCLE_M
+            reached += got_there and self._travel.place().distance_m(goal) < CIRCLE_M
         return reached
 
     def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
@@ -242,7 +242,7 @@ class Climb:
             if goal.distance_m(self._place) > self._seek.reach_m:
                 continue
             yield from self._drive(goal)
-            if self._here().distance_m(here) >= MOVED_M:
+            if self._travel.place().distance_m(here) >= MOVED_M:
                 return
 
     def _on_spiral(self, turn: int) -> Point2D:
@@ -265,10 +265,10 @@ class Climb:
                 travel.stop()
                 yield
                 return False
-            self._sample(self._here())
+            self._sample(self._travel.place())
             self._check_time()
             yield
-        self._sample(self._here())
+        self._sample(self._travel.place())
         return True
 
     def _sample(self, here: Point2D) -> None:
@@ -293,10 +293,6 @@ class Climb:
     def _check_time(self) -> None:
         if self._clock.now_ns() > self._until_ns:
             raise Failed(f"no source of {self._seek.quantity} was found in {self._seek.duration_s:g} s")
-
-    def _here(self) -> Point2D:
-        pose = self._travel.pose()
-        return Point2D(pose.x_m, pose.y_m)
 
 
 def _off(place: Point2D, distance_m: float, yaw_rad: float) -> Point2D:

@@ -235,6 +235,11 @@ class Travel:
         """T_arena_robot now."""
         return self._localisation.pose()
 
+    def place(self) -> Point2D:
+        """The robot's place now, arena frame."""
+        pose = self._localisation.pose()
+        return Point2D(pose.x_m, pose.y_m)
+
     def plan(self, goal: Point2D) -> list[Point2D] | None:
         """A path from here to a place, arena frame, through narrow places if necessary; None if there is none."""
         encounter = self._meet(self.pose())
@@ -383,15 +388,12 @@ class Travel:
         """The order in which to try `is_narrow`: narrow paths last, unless goal or robot is in a narrow place."""
         if to_narrow:
             return True, False
-        pose, driver = self.pose(), self.driver
-        is_inside = (driver.squeezes() or driver.blocked_s() > 0) and self._planner.is_narrow(
-            self.view(), Point2D(pose.x_m, pose.y_m)
-        )
-        return (True, False) if is_inside else (False, True)
+        may_be_inside = self.driver.squeezes() or self.driver.blocked_s() > 0
+        is_inside = may_be_inside and self._planner.is_narrow(self.view(), self.place())
+        return is_inside, not is_inside
 
     def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
-        pose, view, teammates = self.pose(), self.view(), encounter.teammates
-        start = Point2D(pose.x_m, pose.y_m)
+        start, view, teammates = self.place(), self.view(), encounter.teammates
         margin_m = encounter.radius_m + self._parameters.teammate_margin_m
         dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
         at_rest = circles(teammates, margin_m, Doing.IDLE)

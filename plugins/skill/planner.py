@@ -81,8 +81,11 @@ class Planner(Skill):
     parameters: Parameters
 
     def init(self) -> None:
-        self._grids: dict[bool, _Checked] = {}
-        """By `is_narrow`: the grid with the preferred clearance and the one with narrow places; made when needed."""
+        self._grids: dict[bool, tuple[NavigationGrid, int]] = {}
+        """By `is_narrow`: the grid with the preferred clearance and the one with narrow places; made when needed.
+
+        Each with the version of the map that it shows.
+        """
 
     def activate(self) -> None:
         self._radius_m = self.env.use("driver", DriverInterface).radius_m()
@@ -135,18 +138,17 @@ class Planner(Skill):
 
     def safe_positions(self, view: MapCells, positions: Floats, *, is_narrow: bool = False) -> int:
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
-        checked = self._grids.get(is_narrow)
-        grid = checked.grid if checked is not None else self._navigation(view, is_narrow=is_narrow)
+        grid, _ = self._grids.get(is_narrow) or (self._navigation(view, is_narrow=is_narrow), 0)
         return grid.clear_positions(view.classes, positions)
 
     def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
-        checked = self._grids.get(is_narrow)
-        if checked is None or checked.grid.geometry != view.geometry:
-            checked = self._grids[is_narrow] = _Checked(self._check(view, is_narrow=is_narrow), view.version)
-        elif checked.version != view.version:
-            checked.grid.update(view.classes)
-            checked.version = view.version
-        return checked.grid
+        grid, version = self._grids.get(is_narrow, (None, 0))
+        if grid is None or grid.geometry != view.geometry:
+            grid = self._check(view, is_narrow=is_narrow)
+        elif version != view.version:
+            grid.update(view.classes)
+        self._grids[is_narrow] = grid, view.version
+        return grid
 
     def _check(self, view: MapCells, *, is_narrow: bool) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
@@ -154,11 +156,3 @@ class Planner(Skill):
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
         needed_m = least_m if is_narrow else preferred_m
         return NavigationGrid(view.classes, view.geometry, needed_m, unknown_cost, preferred_m)
-
-
-class _Checked:
-    """A grid and the version of the map it was made from."""
-
-    def __init__(self, grid: NavigationGrid, version: int) -> None:
-        self.grid = grid
-        self.version = version

@@ -388,9 +388,7 @@ class Program(Unit):
     def _running(self) -> LineProcess:
         process = self._process
         if process is None or process.status is not None:
-            raise ProgramEnded(
-                self.env.plugin, f"{self.env.plugin} does not run: {self._reason or 'it has just ended'}"
-            )
+            raise self._trouble(ProgramEnded, f"does not run: {self._reason or 'it has just ended'}")
         return process
 
     def _line(self, text: str) -> str:
@@ -398,32 +396,30 @@ class Program(Unit):
             try:
                 return msgspec.json.format(text.encode(), indent=-1).decode()
             except (*BAD_PAYLOAD, UnicodeEncodeError) as error:
-                raise BadLine(self.env.plugin, f"{self.env.plugin} takes JSON: {error}") from error
+                raise self._trouble(BadLine, f"takes JSON: {error}") from error
         if "\n" in text or "\r" in text:
-            raise BadLine(self.env.plugin, f"{self.env.plugin} takes one line at a time")
+            raise self._trouble(BadLine, "takes one line at a time")
         if len(text.encode(errors="replace")) > self.parameters.max_line_bytes:
-            raise BadLine(
-                self.env.plugin, f"{self.env.plugin} takes lines of up to {self.parameters.max_line_bytes} bytes"
-            )
+            raise self._trouble(BadLine, f"takes lines of up to {self.parameters.max_line_bytes} bytes")
         return text
 
     def _write(self, process: LineProcess, line: str) -> None:
         try:
             is_accepted = process.write(line, self.parameters.time_limit_s)
         except OSError as error:
-            raise ProgramEnded(self.env.plugin, f"{self.env.plugin} no longer accepts input: {error}") from error
+            raise self._trouble(ProgramEnded, f"no longer accepts input: {error}") from error
         if not is_accepted:
             raise self._late(process, "take a line")
 
     def _late(self, process: LineProcess, what: str) -> PluginError:
         moment_s = SILENT_S if process.is_silent else A_MOMENT_S
         if process.ends_within(moment_s) and process.status is not None:
-            return ProgramEnded(self.env.plugin, f"{self.env.plugin} {how_it_ended(process.status)} and did not {what}")
+            return self._trouble(ProgramEnded, f"{how_it_ended(process.status)} and did not {what}")
         process.kill()
-        return ProgramLate(
-            self.env.plugin,
-            f"{self.env.plugin} did not {what} within {self.parameters.time_limit_s:g} s and was killed",
-        )
+        return self._trouble(ProgramLate, f"did not {what} within {self.parameters.time_limit_s:g} s and was killed")
+
+    def _trouble(self, kind: type[PluginError], what: str) -> PluginError:
+        return kind(self.env.plugin, f"{self.env.plugin} {what}")
 
     def _receive(self, line: str) -> bool:
         """Handle a line of the program, on the thread that reads it."""

@@ -236,41 +236,31 @@ def read_dbc(path: str) -> Any:
         raise ValueError(f"dbc: {path} is no DBC file: {error}") from error
 
 
-def signal_frame(
+def signal_frames(
     dbc: Any, frame: str, signals: tuple[str, ...], counter: str, checksum: Checksum
-) -> "FrameCodec | SignalFrame":
-    """The codec of a frame: a FrameCodec, a tenth of cantools' time, if the frame is laid out like the Robertino's.
+) -> "list[FrameCodec | SignalFrame]":
+    """The codecs of a frame, one for each run of signals that its multiplexer selects together.
+
+    A frame that is laid out like the Robertino's has a FrameCodec, which takes a tenth of cantools' time.
 
     Raises:
         ValueError: there is no such frame or signal, or the signals cannot be used together.
 
     """
-    message = _message(dbc, frame)
-    is_plain = checksum is Checksum.CRC8_J1850_ID and counter == "counter" and not message.is_extended_frame
-    names = tuple(signal.name for signal in message.signals)
-    if is_plain and names == (*signals, "counter", "checksum"):
-        try:
-            return FrameCodec(message)
-        except ValueError:
-            pass  # not whole bytes one after the other: cantools packs it
-    return SignalFrame(message, signals, counter, checksum)
-
-
-def signal_frames(
-    dbc: Any, frame: str, signals: tuple[str, ...], counter: str, checksum: Checksum
-) -> "list[FrameCodec | SignalFrame]":
-    """As `signal_frame`, but one codec for each run of signals that the multiplexer of the frame selects together."""
-    known = {signal.name: signal for signal in _message(dbc, frame).signals}
-    runs = groupby(signals, lambda name: known[name].multiplexer_ids if name in known else None)
-    return [signal_frame(dbc, frame, tuple(run), counter, checksum) for _, run in runs]
-
-
-def _message(dbc: Any, frame: str) -> Any:
     try:
-        return dbc.get_message_by_name(frame)
+        message = dbc.get_message_by_name(frame)
     except KeyError:
         known = ", ".join(message.name for message in dbc.messages)
         raise ValueError(f"there is no frame {frame} in the DBC file; it has {known}") from None
+    selectors = {signal.name: signal.multiplexer_ids for signal in message.signals}
+    runs = [tuple(run) for _, run in groupby(signals, selectors.get)]
+    is_plain = checksum is Checksum.CRC8_J1850_ID and counter == "counter" and not message.is_extended_frame
+    if is_plain and len(runs) == 1 and tuple(selectors) == (*signals, "counter", "checksum"):
+        try:
+            return [FrameCodec(message)]
+        except ValueError:
+            pass  # not whole bytes one after the other: cantools packs it
+    return [SignalFrame(message, run, counter, checksum) for run in runs]
 
 
 def _sound(message: Any, names: Sequence[str]) -> tuple[Any, dict[str, set[int]]]:

@@ -29,7 +29,7 @@ from robrain.protocol.clock import AHEAD_S, BEHIND_S, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE, Closures, MapPatch
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
-from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from robrain.protocol.model.geometry import IDENTITY
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Endpoint
@@ -235,8 +235,7 @@ class MapSender:
         Their unsent parts are dropped.
         """
         self._untold = [each for each in self._untold if each.submap not in numbers or each.parts]
-        nowhere: Pose2D = IDENTITY
-        self.moved([pose_message(self._robot, self._geometry, each, nowhere, withdrawn=True) for each in numbers])
+        self.moved([pose_message(self._robot, self._geometry, each, IDENTITY, withdrawn=True) for each in numbers])
 
     def drain(self) -> list[MapPatch]:
         """Return the queued messages in order, and empty the queue."""

@@ -278,13 +278,13 @@ class SNwExploration(Unit):
 
     def _handle(self, packet: ReceivedPacket) -> None:
         message = packet.message
-        if message.type == BEACON_TYPE:
-            self._handle_beacon(message.payload, packet.stamp_ns)
-        if message.type == FORWARDED_TYPE:
-            self._handle_forwarded(message.payload, packet.stamp_ns)
-        if message.type not in (READING_TYPE, STORED_TYPE):
-            return
         try:
+            if message.type == BEACON_TYPE:
+                self._links.receive(message.payload, packet.stamp_ns)
+            if message.type == FORWARDED_TYPE:
+                self._handle_forwarded(ForwardedPayload.unpack(message.payload), packet.stamp_ns)
+            if message.type not in (READING_TYPE, STORED_TYPE):
+                return
             reading = ReadingPayload.unpack(message.payload)
         except BadPacket:
             self._counts.unreadable += 1
@@ -306,13 +306,8 @@ class SNwExploration(Unit):
         self._answer(record, reading, packet.stamp_ns)
         self._over_hops.record(record.number, packet.stamp_ns)
 
-    def _handle_forwarded(self, payload: bytes, stamp_ns: int) -> None:
+    def _handle_forwarded(self, forwarded: ForwardedPayload, stamp_ns: int) -> None:
         """Handle a reading that came over other motes; its mote is reachable by the same route."""
-        try:
-            forwarded = ForwardedPayload.unpack(payload)
-        except BadPacket:
-            self._counts.unreadable += 1
-            return
         record = self._record(forwarded.reading.mote)
         if record is None:
             return
@@ -373,12 +368,6 @@ class SNwExploration(Unit):
 
     def _send(self, mote: int, kind: int, payload: bytes) -> None:
         self._base.send(mote, kind, payload)
-
-    def _handle_beacon(self, payload: bytes, stamp_ns: int) -> None:
-        try:
-            self._links.receive(payload, stamp_ns)
-        except BadPacket:
-            self._counts.unreadable += 1
 
     def _speak_to_robots(self, now_ns: int) -> None:
         if not self._links.has_teammates:

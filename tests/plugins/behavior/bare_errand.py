@@ -62,6 +62,7 @@ class BareErrand:
         self.travel: Any = SimpleNamespace(
             driver=self.driver,
             pose=lambda: self.at,
+            place=lambda: Point2D(self.at.x_m, self.at.y_m),
             teammate_near_m=8.0,
             teammates=SimpleNamespace(nearby=self._others),
             plan=self._plan,

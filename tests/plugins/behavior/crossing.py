@@ -89,13 +89,6 @@ class Crossing(ArenaBench):
         """The behavior of a robot."""
         return self.plugin("courier", name)
 
-    def lose(self, name: str) -> None:
-        """A robot's host goes; its body stays where it is."""
-        host = self.robot(name)
-        host.close()
-        self.hosts.remove(host)
-        del self.goals[name]
-
     def run(self, duration_s: float, each: Callable[[], None] | None = None) -> None:
         """Let time pass and watch the robots."""
         for _ in range(round(duration_s / WATCHED_S)):

@@ -58,12 +58,6 @@ def test_nearest_that_nobody_has_takes_the_place_of_one_that_is_taken():
     assert one.choose() is None
 
 
-def test_charger_that_home_knows_as_well_is_not_counted_twice():
-    errand, one = queue(ChargerPlace(5.3, 0.0))
-    errand.others = [other("r1", 5.0, 0.0)]
-    assert one.choose() is None
-
-
 def test_charger_that_was_of_no_use_is_left_out_for_its_time_and_the_last_trouble_told_when_all_are():
     errand, one = queue(NEAR)
     one.leave_out(WANTED, "it gives nothing")
@@ -122,16 +116,6 @@ def test_trouble_on_the_way_leaves_the_charger_out_and_the_robot_stands(trouble)
     assert run(one.reach(WANTED)) == {}
     assert errand.stands == 1
     assert one.choose() == NEAR
-
-
-def test_charger_that_a_mate_takes_meanwhile_is_not_left_out_but_not_driven_to_either():
-    errand, one = queue()
-    errand.progress = [TravelState.MOVING] * 5
-    errand.others = [other("r1", 5.0, 0.0)]
-    assert run(one.reach(WANTED)) == {}
-    assert errand.stands == 1
-    errand.others = []
-    assert one.choose() == WANTED
 
 
 # -- who needs it more ------------------------------------------------------------------------------------------
@@ -200,23 +184,6 @@ def test_robot_waits_at_the_nearest_place_beside_the_charger():
     assert (place.x_m, place.y_m) == pytest.approx((5.0 - ASIDE_M[1], 0.0))
 
 
-def test_place_that_is_too_near_to_a_charger_or_to_mates_or_where_they_go_is_passed_over():
-    errand, one = queue(ChargerPlace(3.5, 0.0))
-    # The nearest charger is now the other one; its two nearest places are taken.
-    nearest = Point2D(3.5 - ASIDE_M[1], 0.0)
-    errand.others = [other("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01)]
-    run(one.move_aside())
-    assert errand.gone[0] != nearest
-    errand.others = [other("r1", nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M + 0.01)]
-    run(one.move_aside())
-    assert errand.gone[1].x_m == pytest.approx(nearest.x_m)
-    errand.others = [other("r1", 3.0, 4.0, Point2D(nearest.x_m, nearest.y_m + 0.2 + 0.2 + APART_M - 0.01))]
-    run(one.move_aside())
-    assert errand.gone[2].x_m != pytest.approx(nearest.x_m)
-    for place in errand.gone:
-        assert all(math.dist((place.x_m, place.y_m), (each.x_m, each.y_m)) >= CLEAR_M for each in one._known())
-
-
 def test_place_that_cannot_be_reached_is_passed_over_and_without_any_the_robot_stays():
     errand, one = queue()
     run(one.move_aside())
@@ -226,27 +193,6 @@ def test_place_that_cannot_be_reached_is_passed_over_and_without_any_the_robot_s
     errand.travel.plan = lambda place: [Point2D(place.x_m + APART_M + 0.001, place.y_m)]  # as near as it gets
     run(one.move_aside())
     assert len(errand.gone) == 2
-
-
-def test_robot_at_a_charger_that_others_have_waits_aside_of_it():
-    errand, one = queue(ChargerPlace(5.0, 0.9))
-    errand.at = Pose2D(5.0, 0.3, 0.0)
-    errand.others = [other("r1", 5.0, 0.0), other("r2", 5.0, 0.9)]
-    run(one.wait(), 3)
-    (place,) = errand.gone
-    assert all(math.dist((place.x_m, place.y_m), (5.0, y_m)) >= CLEAR_M for y_m in (0.0, 0.9))
-
-
-def test_robot_that_does_not_get_aside_stands_where_it_is():
-    errand, one = queue()
-
-    def fail(_goal):
-        raise Failed("blocked")
-        yield
-
-    errand.go = fail
-    assert run(one.move_aside()) == {}
-    assert errand.stands == 1
 
 
 def test_robot_waits_and_makes_room_until_a_charger_is_free_or_all_are_left_out():
@@ -396,19 +342,6 @@ def test_robot_that_gets_no_current_looks_for_the_contacts_around_from_the_insid
     assert took_s > 26 * SEEK_WAIT_S + 10.0
 
 
-def test_search_ends_where_the_current_comes():
-    errand, one = docking()
-
-    def touch():
-        errand.charging = len(errand.driver.sent) >= 4
-
-    errand.soc = 0.89
-    script = one.charge(0.9, keeps)
-    play(errand, script, 20.0, touch)
-    assert len(errand.driver.sent) == 4
-    assert one.has_charged
-
-
 def test_place_where_something_stands_is_passed_over_at_once():
     errand, one = docking()
     errand.driver.state, errand.driver.blocked = Motion.BLOCKED, SEEK_BLOCKED_S
@@ -416,3 +349,15 @@ def test_place_where_something_stands_is_passed_over_at_once():
     _, took_s = play(errand, script)
     assert errand.driver.stops == len(errand.driver.sent) == 26
     assert took_s == pytest.approx(26 * STEP_S)
+
+
+def test_robot_that_does_not_get_aside_stands_where_it_is():
+    errand, one = queue()
+
+    def fail(_goal):
+        raise Failed("blocked")
+        yield
+
+    errand.go = fail
+    assert run(one.move_aside()) == {}
+    assert errand.stands == 1

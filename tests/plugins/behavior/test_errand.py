@@ -1,30 +1,20 @@
 """What all behaviors that do tasks have in common, shown with the simplest of them."""
 
-from collections.abc import Iterator
-
 import pytest
 
-from robrain.agent.lifecycle.registry import plugin_info
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import NeedsEnergy, no_path
 from tests.plain_reason import Plain
-from tests.plugins.behavior.errands import Build, Errands, open_errands
+from tests.plugins.behavior.errands import Errands
 
 FAR = Point2D(5.0, 3.0)
 WALLED = Point2D(-300.0, 1.0)
-IN_PILLAR = Point2D(3.05, 2.05)
 NEXT_ROOM = Point2D(10.0, 2.0)
 UNSEEN = Point2D(5.6, 2.0)
 """Behind the pillar, where the robot has not looked."""
-
-
-@pytest.fixture
-def errands() -> Iterator[Build]:
-    yield from open_errands()
 
 
 def usable(run: Errands, energy_j: float) -> None:
@@ -54,15 +44,6 @@ def test_a_visit_goes_there_stays_and_tells_what_it_took(errands):
 
 
 @pytest.mark.slow
-def test_a_visit_that_ends_beside_its_place_says_so(errands):
-    run = errands("visit")
-    status = run.finish(Task(id="v", kind="visit", place=IN_PILLAR))
-    assert status.state is TaskState.DONE
-    assert status.result["off_m"] > 0.3
-    assert status.why == f"{status.result['off_m']:.2f} m from its place, which is not free"
-
-
-@pytest.mark.slow
 def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     run = errands("visit")
     energy, told = run.plugin("energy"), []
@@ -74,30 +55,6 @@ def test_what_a_way_has_cost_is_a_lesson_for_the_next_one(errands):
     assert 0.5 * status.result["energy_j"] < cost_j < status.result["energy_j"] - 5.0 * 5.0
     run.finish(Task(id="here", kind="visit", place=FAR))
     assert len(told) == 1  # that was no way to learn from
-
-
-@pytest.mark.parametrize(
-    "task",
-    [Task(id="t", kind="visit", place=FAR, priority=7.0), Task(id="t", kind="explore", place=UNSEEN, priority=7.0)],
-)
-def test_the_priority_of_a_task_is_that_of_its_right_of_way(errands, task):
-    run = errands("visit", "explore")
-    paths = run.inbox(ROBOT_PATH, robot="r1")
-    assert run.offer(task).accepted
-    run.run(0.5)
-    assert paths.drain()[-1].message.claim.priority == 7
-
-
-def test_the_wheels_turn_at_once_and_the_path_is_told(errands):
-    run = errands("visit")
-    paths = run.inbox(ROBOT_PATH, robot="r1")
-    run.offer(Task(id="v", kind="visit", place=FAR))
-    run.run(0.02)
-    assert paths.drain()[0].message.points
-    run.run(0.3)
-    assert run.path_m() > 0.01
-    assert behavior(run) == "visit"
-    assert run.call("visit", "doing") == "v"
 
 
 @pytest.mark.slow
@@ -118,16 +75,6 @@ def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
     run = errands("visit", parameters={"mapper": {"width_m": 20.0}})
     answer = run.offer(Task(id="v", kind="visit", place=NEXT_ROOM))
     assert (answer.reason, answer.why) == (Plain("unexplored"), "no way there, as its place is not explored yet")
-
-
-def test_a_robot_that_nobody_talks_to_sleeps(errands):
-    run = errands("visit")
-    manager = run.robot().manager
-    info = plugin_info(manager.get("visit"), manager.registry)
-    assert info.period_s is None
-    run.finish(Task(id="v", kind="visit", place=Point2D(2.0, 1.5)))
-    run.run(1.0)
-    assert plugin_info(manager.get("visit"), manager.registry).period_s is None
 
 
 # -- ends before its time -------------------------------------------------------------------------------------------
@@ -252,15 +199,6 @@ def test_a_visit_takes_the_place_of_exploring_and_the_other_way_round(errands):
     assert run.status().id == "x2"
 
 
-def test_of_two_visits_the_later_one_is_done(errands):
-    run = errands("visit")
-    run.offer(Task(id="first", kind="visit", place=FAR))
-    run.run(2.0)
-    status = run.finish(Task(id="second", kind="visit", place=Point2D(2.5, 1.0)))
-    assert (status.id, status.state) == ("second", TaskState.DONE)
-    assert run.pose().distance_m(Point2D(2.5, 1.0)) < 0.15
-
-
 NEAR, THERE = Point2D(2.5, 1.5), Point2D(3.2, 1.0)
 
 
@@ -314,16 +252,6 @@ def test_the_wheels_are_told_of_the_next_task_in_the_step_in_which_they_stop(err
     assert wheels.idle_s() == [0.0]
 
 
-def test_an_errand_goes_on_as_soon_as_the_wheels_stand(errands):
-    """Its own step comes four times a second."""
-    run = errands("visit")
-    wheels = Wheels(run)
-    run.offer(Task(id="a", kind="visit", place=NEAR))
-    until_ended(run, "a")
-    stopped_ns = next(now_ns for now_ns, turns in reversed(wheels.told) if not turns)
-    assert to_seconds(run.clock.now_ns() - stopped_ns) <= 0.02
-
-
 def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
     run = errands("visit")
     run.offer(Task(id="a", kind="visit", place=NEAR))
@@ -335,21 +263,3 @@ def test_a_next_task_that_cannot_be_reached_is_given_back_with_why(errands):
     assert (before.id, before.state) == ("a", TaskState.DONE)
     run.run(1.0)
     assert run.robot().board.behavior == "idle"
-
-
-def test_a_robot_tells_in_how_long_it_will_be_done(errands):
-    run = errands("visit")
-    states = run.inbox(ROBOT_STATE, robot="r1")
-    run.offer(Task(id="a", kind="visit", place=Point2D(5.0, 1.2), service_s=4.0))
-    until_ended(run, "a")
-    done_ns = run.clock.now_ns()
-    told = [
-        one.message
-        for one in states.drain()
-        if one.message.task is not None and one.message.task.remaining_s is not None
-    ]
-    assert len(told) > 50
-    for state in told:
-        remaining_s = to_seconds(done_ns - state.stamp_ns)
-        within_s = 0.6 if remaining_s < 3.5 else 6.0  # at the place it is the clock's, on the way an estimate
-        assert state.task.remaining_s == pytest.approx(remaining_s, abs=within_s)

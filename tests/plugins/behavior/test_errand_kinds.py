@@ -3,7 +3,6 @@
 import io
 import itertools
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,13 +14,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_IMAGE
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.robot.camera import PLATE
-from tests.plugins.behavior.errands import MOTES, TEAM, Build, open_errands
-
-
-@pytest.fixture
-def errands() -> Iterator[Build]:
-    yield from open_errands()
-
+from tests.plugins.behavior.errands import MOTES, TEAM
 
 # -- inspect --------------------------------------------------------------------------------------------------------
 
@@ -75,25 +68,12 @@ def test_a_mote_that_says_nothing_lets_the_mule_fail_after_its_time(errands):
 
 
 @pytest.mark.slow
-def test_a_relay_with_a_good_link_holds_its_place(errands):
-    run = errands("relay")
-    status = run.finish(
-        Task(id="r", kind="relay", place=Point2D(4.0, 3.0), parameters={"mote": "m1", "duration_s": 15.0})
-    )
-    assert status.state is TaskState.DONE
-    assert status.result["held_s"] == pytest.approx(15.0, abs=0.5)
-    assert status.result["moved_m"] < 0.2
-    assert status.result["share_linked"] > 0.8
-    assert status.result["packets"] >= 2
-
-
-@pytest.mark.slow
 def test_a_relay_whose_link_is_too_weak_moves_nearer_and_no_farther_than_it_may(errands):
     run = errands("relay", parameters={"relay": {"stray_m": 1.8, "adjust_s": 2.0}})
     place = Point2D(1.0, 3.0)
     before_m = math.hypot(place.x_m - MOTES[1].x_m, place.y_m - MOTES[1].y_m)
     status = run.finish(
-        Task(id="r", kind="relay", place=place, parameters={"mote": "m1", "duration_s": 25.0, "rssi_min_dbm": -20.0})
+        Task(id="r", kind="relay", place=place, parameters={"mote": "m1", "duration_s": 15.0, "rssi_min_dbm": -20.0})
     )
     assert run.pose().distance_m(MOTES[1]) < before_m - 0.5
     assert 0.5 < status.result["moved_m"] <= 1.9
@@ -110,7 +90,7 @@ def test_a_relay_between_a_mote_and_a_robot_goes_where_it_hears_both(errands):
             id="r",
             kind="relay",
             place=place,
-            parameters={"mote": "m1", "robot": "r2", "duration_s": 45.0, "rssi_min_dbm": bound_dbm},
+            parameters={"mote": "m1", "robot": "r2", "duration_s": 30.0, "rssi_min_dbm": bound_dbm},
         ),
         limit_s=150.0,
     )
@@ -128,14 +108,6 @@ def test_no_robot_is_a_relay_to_itself(errands):
         Task(id="r", kind="relay", place=Point2D(2.6, 3.2), parameters={"robot": "r1", "duration_s": 30.0})
     )
     assert (answer.accepted, answer.why) == (False, "a robot is no relay to itself")
-
-
-def test_a_robot_senses_by_itself_what_motes_sense(errands):
-    run = errands("sense")
-    place = Point2D(4.0, 2.8)
-    status = run.finish(Task(id="s", kind="sense", place=place))
-    assert (status.state, status.result["mote"]) == (TaskState.DONE, "")
-    assert status.result["value"] == pytest.approx(run.arena.measurement("r1")["temperature_c"], abs=1.0)
 
 
 def test_a_robot_brings_the_reading_of_a_mote(errands):
@@ -183,24 +155,6 @@ def test_who_replaces_a_mote_senses_at_its_place_and_speaks_in_its_name(errands)
 
 
 # -- monitor --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_room_in_which_nothing_happens_raises_no_alarm(errands):
-    run = errands("monitor")
-    told = run.inbox(ROBOT_EVENT, plugin="monitor")
-    begun_ns = run.clock.now_ns()
-    status = run.finish(
-        Task(
-            id="m",
-            kind="monitor",
-            place=Point2D(2.0, 2.0),
-            parameters={"duration_s": 15.0, "interval_s": 5.0, "views": 2},
-        )
-    )
-    assert (status.state, status.result["rounds"], status.result["changes"]) == (TaskState.DONE, 3, 0)
-    assert run.clock.now_ns() - begun_ns >= 15e9
-    assert told.drain() == []
 
 
 @pytest.mark.slow

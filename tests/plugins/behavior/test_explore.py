@@ -7,17 +7,16 @@ from robrain.agent.board import Board
 from robrain.algorithms.exploration.reach import reach_m
 from robrain.algorithms.exploration.strategies import joint
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
-from robrain.algorithms.navigation.frontier import find_frontiers, frontier_mask
+from robrain.algorithms.navigation.frontier import find_frontiers
 from robrain.algorithms.navigation.right_of_way import Track
 from robrain.plugins.behavior.explore import ALONE, CONFIDENCE, IDLE, ExploreBehavior, TeamChoice
 from robrain.plugins.skill.mapper.frames import FrameMove
 from robrain.plugins.unit.teammates import Doing, NearbyRobot
-from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, BatteryState
 from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.map_frame import ARENA, MapFrame
+from robrain.protocol.model.map_frame import MapFrame
 from robrain.protocol.model.tasks.task import TaskState
 from tests.coordinator.planning.worlds import CAPACITY_J, model
 
@@ -45,14 +44,6 @@ def explorer(stage, room):
     host = one.host("explore")
     one.run(1.0)
     return one, host
-
-
-def test_a_robot_that_hears_a_coordinator_waits_for_an_offer(explorer):
-    one, host = explorer
-    one.run(10.0)
-    assert status(host) is None
-    assert one.truth().distance_m == 0.0
-    assert host.board.behavior == "idle"
 
 
 def test_an_offer_is_accepted_driven_to_and_done(explorer):
@@ -86,18 +77,6 @@ def test_an_unreachable_goal_is_refused_with_the_reason(explorer, goal):
     assert one.truth().distance_m == 0.0
 
 
-def test_after_a_refusal_the_robot_goes_on_with_what_it_was_at(explorer):
-    one, host = explorer
-    goal = frontiers(host)[0]
-    one.offer(goal, task="good", epoch=1)
-    assert not one.offer(Point2D(-30.0, 2.0), task="bad", epoch=2).accepted
-    one.run(0.3)
-    assert status(host).id == "good"
-    assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
-    one.run_until(lambda: status(host).state.ended, 60.0)
-    assert (status(host).id, status(host).state) == ("good", TaskState.DONE)
-
-
 def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
     """As the inside of a shelf, seen through a slit: nobody who can only stand outside will see more of it."""
     one, host = explorer
@@ -115,21 +94,6 @@ def test_a_frontier_that_walls_hide_is_done_without_going_there(explorer):
     assert status(host).state is TaskState.DONE
     assert "walls hide it" in status(host).why
     assert one.truth().pose == before
-
-
-def test_single_cells_that_stay_open_do_not_keep_a_robot(explorer):
-    """A slit between two boards shows as one or two frontier cells, and will for ever."""
-    _one, host = explorer
-    explore, seen = host.manager.get("explore").live_plugin(), view(host)
-    goal = Point2D(2.55, 2.05)
-    assert explore._is_seen(seen, goal)
-    row, column = seen.geometry.cell_of(goal.x_m, goal.y_m)
-    seen.classes[row + 3, column] = UNKNOWN
-    assert np.count_nonzero(frontier_mask(seen.classes[row : row + 6, column - 3 : column + 4])) == 4
-    seen.classes[row + 4, column] = OCCUPIED
-    assert explore._is_seen(seen, goal)
-    seen.classes[row + 2 : row + 5, column - 2 : column + 3] = UNKNOWN
-    assert not explore._is_seen(seen, goal)
 
 
 def test_a_robot_that_stands_blocked_gives_the_task_back(stage):
@@ -153,24 +117,6 @@ def test_a_robot_that_stands_blocked_gives_the_task_back(stage):
     assert "blocked" in status(host).why
     assert lasted_s > 2.0
     assert one.call("explore", "goal") is None
-
-
-def test_a_robot_whose_way_is_found_closed_gives_the_task_back(stage, room):
-    """A robot that nobody knows of stands in the door, which was seen open before."""
-    one = stage(room(*TWO_ROOMS[:2], (4.9, 0.0, 5.1, 1.7), (4.9, 2.3, 5.1, 4.0)), r1=Pose2D(1.5, 2.0, 0.0))
-    one.coordinator_speaks = True
-    host = one.host("explore")
-    one.run(1.0)
-    goal = max(frontiers(host), key=lambda place: place.x_m)
-    assert one.offer(goal).accepted
-    grid = view(host).geometry
-    row, column = grid.cell_of(5.0, 2.0)
-    closed = np.full((10, 3), OCCUPIED, np.int8)
-    host.manager.get("mapper").plugin._atlas.merge(("known", 1), row - 5, column - 1, closed, 3_000_000)
-    lasted_s = one.run_until(lambda: status(host).state.ended, 20.0)
-    assert status(host).state in (TaskState.FAILED, TaskState.DONE)
-    assert lasted_s < 15.0
-    assert one.truth().collisions == 0
 
 
 @pytest.mark.slow
@@ -197,31 +143,6 @@ def test_a_robot_whose_coordinator_falls_silent_goes_on_alone(explorer):
     assert one.truth().distance_m == 0.0
     one.run(5.0)
     assert one.truth().distance_m > 1.0
-
-
-def test_what_the_robot_chose_for_itself_gives_way_to_another_behavior(explorer):
-    one, host = explorer
-    one.coordinator_speaks = False
-    one.run_until(lambda: host.board.behavior == "explore alone", 5.0)
-    assert host.desk.occupy("wander")
-    host.board.behavior = "wander"
-    one.run(0.4)
-    assert one.call("explore", "goal") is None
-    one.run(5.0)
-    assert (one.call("explore", "goal"), host.board.behavior) == (None, "wander")
-
-
-def test_an_offer_takes_the_place_of_what_the_robot_chose_for_itself(explorer):
-    one, host = explorer
-    one.coordinator_speaks = False
-    one.run_until(lambda: host.board.behavior == "explore alone", 5.0)
-    one.run(1.0)
-    one.coordinator_speaks = True
-    goal = frontiers(host)[0]
-    assert one.offer(goal).accepted
-    assert host.board.behavior == "explore"
-    assert one.call("explore", "goal") == {"x_m": goal.x_m, "y_m": goal.y_m}
-    assert status(host).state is TaskState.RUNNING
 
 
 def test_a_halted_robot_gives_its_task_back_refuses_offers_and_works_again_when_resumed(explorer):
@@ -263,19 +184,6 @@ def explore(host) -> ExploreBehavior:
     return host.manager.get("explore").live_plugin()
 
 
-def test_it_roams_though_there_is_a_coordinator_and_tells_that_it_is_lost(lost):
-    one, host = lost
-    states = one.inbox(ROBOT_STATE)
-    one.run(3.0)
-    assert host.board.frame.robot == "r1"
-    assert one.truth().distance_m > 1.0
-    assert one.truth().collisions == 0
-    told = states.drain()[-1].message
-    assert told.behavior == "explore alone"
-    assert told.lost
-    assert told.frame == host.board.frame
-
-
 def test_it_takes_no_task_while_it_roams(lost):
     one, host = lost
     one.run(3.0)
@@ -284,15 +192,6 @@ def test_it_takes_no_task_while_it_roams(lost):
     answer = one.offer(goal)
     assert not answer.accepted
     assert "does not know where it is" in answer.why
-
-
-def test_it_goes_on_into_the_next_room_until_nothing_is_left(lost):
-    one, host = lost
-    one.run(20.0)
-    assert one.truth().pose.x_m > 5.2
-    assert one.truth().collisions == 0
-    assert find_frontiers(host.manager.get("mapper").plugin.view().classes) == []
-    assert host.board.behavior == "idle"
 
 
 def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(lost):
@@ -307,17 +206,6 @@ def test_a_place_that_it_chose_in_a_frame_that_it_has_left_is_no_goal_any_more(l
     assert explore(host)._task is not before
     one.run(0.4)
     assert host.board.behavior == "explore alone", "it goes on in the new one"
-
-
-@pytest.mark.parametrize("charging", [True, False])
-def test_one_that_charges_stays(lost, charging):
-    one, host = lost
-    one.run(0.6)
-    assert host.board.frame != ARENA
-    host.board.battery = BatteryState(
-        voltage_v=16.0, current_a=0.0, temperature_c=20.0, soc=0.5, remaining_j=1e5, charging=charging
-    )
-    assert explore(host)._may_roam() != charging
 
 
 WEST, EAST = Point2D(2.05, 2.75), Point2D(7.95, 2.75)
@@ -376,30 +264,6 @@ def test_a_mate_that_does_a_task_is_left_to_it() -> None:
 def test_a_mate_that_is_an_obstacle_takes_nothing(behavior: str) -> None:
     standing = mate("r2", 3.5, WEST, behavior=behavior, doing=Doing.OBSTACLE)
     assert is_at(choice("r1", 4.0, standing), WEST)
-
-
-def test_where_the_robot_failed_it_goes_again_only_later() -> None:
-    one = chooser("r1")
-    first = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0)
-    assert first is not None
-    one.record_failure("r1", first, 0)
-    other = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(1.0))
-    assert is_at(other, EAST)
-    assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(20.0)) == first
-
-
-def test_what_stayed_unknown_although_the_robot_was_there_is_looked_at_once_more_and_then_left_alone() -> None:
-    one = chooser("r1")
-    for at_s, end in ((0.0, WEST), (0.0, EAST), (3.0, WEST), (6.0, EAST)):
-        found = one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s))
-        assert is_at(found, end)
-        one.record_visit(found)
-    for at_s in (9.0, 12.0, 60.0):
-        assert one.choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), to_ns(at_s)) is None
-
-
-def test_without_a_map_there_is_nothing_to_choose() -> None:
-    assert TeamChoice("r1", Board(), joint, 0.1).choose_own(Point2D(4.0, 2.7), RADIUS_M, None, (), 0) is None
 
 
 RESERVE = 0.1

@@ -4,8 +4,6 @@ All that is real but the world: arena, hosts, stock plugins. The corridor is as 
 planner's margin allow; there the lidars are without noise, because one wrong reading closes it for a moment.
 """
 
-import math
-
 import pytest
 
 from robrain.plugins.behavior.travel import TravelState
@@ -17,7 +15,6 @@ P = Point2D
 DEADLOCK_S = 10.0
 ROOMS_AND_CORRIDOR = (12.0, 4.0, (0.3, 0.5, 2.1, 3.5), (9.9, 0.5, 11.7, 3.5), (2.1, 1.7, 9.9, 2.3))
 BAY = (5.6, 2.3, 6.4, 3.0)
-DEAD_END = (9.0, 4.0, (0.3, 0.5, 3.1, 3.5), (3.1, 1.7, 8.5, 2.3))
 DOORWAY = (8.0, 5.0, (0.3, 0.3, 3.9, 4.7), (4.1, 0.3, 7.7, 4.7), (3.9, 2.0, 4.1, 2.9))
 CROSSING = (7.0, 7.0, (0.3, 3.0, 6.7, 4.0), (3.0, 0.3, 4.0, 6.7))
 HALL = (7.0, 7.0, (0.3, 0.3, 6.7, 6.7))
@@ -37,22 +34,12 @@ def cross(session):
         one.close()
 
 
-def antipodal(count, radius_m=2.0, middle_m=3.5):
-    angles = [k * math.tau / count + 0.1 for k in range(count)]
-    places = [P(middle_m + radius_m * math.cos(angle), middle_m + radius_m * math.sin(angle)) for angle in angles]
-    return [(place, places[(k + count // 2) % count]) for k, place in enumerate(places)]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("plan", "ways", "lidar", "limit_s"),
     [
         # head-on, each from its own room
         ((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(10.8, 2.0), P(1.2, 2.0))], EXACT, 60.0),
-        # head-on within the corridor, the bay behind one of them
-        ((*ROOMS_AND_CORRIDOR, BAY), [(P(7.0, 2.0), P(10.8, 2.0)), (P(9.0, 2.0), P(1.2, 2.0))], EXACT, 60.0),
-        # one comes out of a dead end that the other wants into; whoever has the shorter way, the first has to yield
-        (DEAD_END, [(P(1.2, 2.0), P(8.0, 2.0)), (P(8.0, 2.0), P(1.0, 1.0))], EXACT, 60.0),
         (DOORWAY, [(P(1.5, 2.45), P(6.5, 2.45)), (P(6.5, 2.45), P(1.5, 2.45))], LidarSpec(), 30.0),
         # corridors of 1 m, too narrow for two: each way lies over the start of another robot
         (
@@ -66,9 +53,8 @@ def antipodal(count, radius_m=2.0, middle_m=3.5):
             LidarSpec(),
             80.0,
         ),
-        (HALL, antipodal(6), LidarSpec(), 60.0),
     ],
-    ids=["corridor", "bay behind", "dead end", "doorway", "crossing", "hall"],
+    ids=["corridor", "doorway", "crossing"],
 )
 def test_robots_that_meet_pass_without_touching_and_without_a_deadlock(cross, plan, ways, lidar, limit_s):
     one = cross(plan, ways, lidar=lidar)
@@ -80,34 +66,12 @@ def test_robots_that_meet_pass_without_touching_and_without_a_deadlock(cross, pl
 
 
 @pytest.mark.slow
-def test_the_task_of_higher_priority_goes_first(cross):
-    """The door lies nearer to r1; without the priority its shorter way would count."""
-    one = cross(DOORWAY, [(P(2.5, 2.45), P(5.5, 2.45)), (P(6.5, 2.45), P(1.5, 2.45))])
-    one.go("r1")
-    one.go("r2", priority=1)
-    one.run_until_all_arrived(30.0)
-    assert one.collisions == 0
-    claims = {name: one.courier(name).travel._travel_claim.claim for name in one.goals}
-    assert claims["r2"].beats("r2", claims["r1"], "r1")
-    assert one.arrived_s["r2"] < one.arrived_s["r1"]
-
-
-@pytest.mark.slow
 def test_one_that_stands_idle_in_a_corridor_makes_room(cross):
     one = cross((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(7.0, 2.0), P(7.0, 2.0))], lidar=EXACT)
     one.go("r1")
     one.run_until_all_arrived(60.0, "r1")
     assert "r1" in one.arrived_s
     assert one.collisions == 0
-
-
-def test_a_lost_mate_is_an_obstacle_where_it_was_last_seen(cross):
-    one = cross(DOORWAY, [(P(1.5, 2.45), P(6.5, 2.45)), (P(4.0, 2.45), P(4.0, 2.45))])
-    one.run(1.0)
-    one.lose("r2")
-    one.run(2.5)
-    assert not one.courier("r1").go(6.5, 2.45)  # it stands in the only door
-    assert one.courier("r1").go(1.5, 4.0)
 
 
 def test_a_halted_mate_is_driven_around(cross):

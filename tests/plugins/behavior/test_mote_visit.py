@@ -58,39 +58,3 @@ def test_a_visit_brings_in_everything_that_was_sensed_before(air):
     assert [row["missing"] for row in visit.heard()] == [0, 0, 0]
     ages_s = [(each.stamp_ns - each.measured_ns) / 1e9 for each in readings]
     assert max(ages_s) == pytest.approx(400.0, abs=10.0)
-
-
-def test_after_a_visit_the_motes_have_let_go_of_what_is_safe(air):
-    visit = air()
-    visit.run(200.0)
-    visit.places = [Point2D(2.0, 2.0)]
-    visit.run(60.0)
-    mote = visit.field.motes[0]
-    visit.places = [FAR]
-    kept = sum(number in mote.log for number in range(70))
-    assert kept <= 8 + 1  # fewer than are acknowledged together, and the last
-
-
-def test_at_the_edge_of_reach_what_the_air_loses_is_asked_for_again(air):
-    visit = air(network=SensorNetwork(radio=RadioModel(shadowing_db=2.0, static_share=0.0)))
-    visit.run(100.0)
-    visit.places = [Point2D(2.0, 9.5)]
-    visit.run(120.0)
-    assert visit.field.counters.crc_errors > 10
-    sequences = [each.sequence for each in visit.readings()]
-    assert len(sequences) == len(set(sequences))
-    assert visit.heard()[0]["missing"] <= 1
-    assert len(sequences) >= 50
-
-
-@pytest.mark.slow
-def test_a_second_robot_does_not_ask_for_what_the_first_has_brought_in(air):
-    visit = air(robots=2)
-    visit.run(200.0)
-    visit.places = [Point2D(2.0, 1.0), FAR]
-    visit.run(20.0)
-    visit.places = [FAR, Point2D(2.0, 1.0)]
-    visit.run(20.0)
-    counters = [visit.one.call("snw_exploration", "counters", robot=name) for name in ("r1", "r2")]
-    assert counters[0]["requests"] > 0
-    assert counters[1]["requests"] == 0

@@ -1,20 +1,13 @@
-from collections.abc import Iterator
-
 import pytest
 
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.firmware.battery import BatterySpec
-from tests.plugins.behavior.errands import CHARGER, START, Build, Errands, open_errands
+from tests.plugins.behavior.errands import CHARGER, START, Errands
 
 KNOWN = {"home": {"chargers": [{"x_m": CHARGER.x_m, "y_m": CHARGER.y_m, "yaw_rad": 0.0}]}}
 FAR = Point2D(5.0, 3.0)
-
-
-@pytest.fixture
-def errands() -> Iterator[Build]:
-    yield from open_errands("recharge", "visit")
 
 
 def usable(run: Errands, energy_j: float | None) -> None:
@@ -36,7 +29,7 @@ def docked(run: Errands) -> bool:
 
 @pytest.mark.slow
 def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_gave(errands):
-    run = errands(parameters=KNOWN, hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    run = errands("recharge", "visit", parameters=KNOWN, hardware={"battery": BatterySpec(soc_at_start=0.7)})
     run.finish(Task(id="v", kind="visit", place=Point2D(2.5, 1.5)))
     before = run.robot().board.battery
     status = run.finish(
@@ -56,7 +49,7 @@ def test_a_robot_that_is_told_to_docks_within_5_cm_and_tells_what_the_charger_ga
 
 @pytest.mark.slow
 def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
-    run = errands(hardware={"battery": BatterySpec(soc_at_start=0.7)})
+    run = errands("recharge", "visit", hardware={"battery": BatterySpec(soc_at_start=0.7)})
     beside = Point2D(CHARGER.x_m + 0.33, CHARGER.y_m)  # the contacts reach 0.25 m
     before = run.robot().board.battery.soc
     status = run.finish(Task(id="c", kind="recharge", place=beside, parameters={"until_soc": before + 0.003}), 300.0)
@@ -66,7 +59,7 @@ def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
 
 @pytest.mark.slow
 def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
-    run = errands(parameters=KNOWN)
+    run = errands("recharge", "visit", parameters=KNOWN)
     told = run.inbox(ROBOT_EVENT, plugin="home")
     run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0))
     run.run(3.0)
@@ -82,7 +75,7 @@ def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
 
 @pytest.mark.slow
 def test_without_a_charger_the_robot_goes_back_to_where_it_started(errands):
-    run = errands()
+    run = errands("recharge", "visit")
     run.finish(Task(id="v", kind="visit", place=FAR))
     usable(run, 500.0)
     run.run(25.0)

@@ -7,7 +7,6 @@ import pytest
 from robrain.plugins.behavior.errand import STEP_S, Failed, Run
 from robrain.plugins.behavior.recharge import (
     AT_HOME_M,
-    DOCK_S,
     FULL_ERROR,
     GUARD_S,
     HOMEWARD,
@@ -15,7 +14,6 @@ from robrain.plugins.behavior.recharge import (
     RETRY_NS,
     RechargeBehavior,
 )
-from robrain.plugins.skill.energy import Work
 from robrain.plugins.skill.home import ChargerPlace
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -239,12 +237,6 @@ def charged(robot, soc, *, comes=True, begun_soc=0.5, at=4.0):
     raise AssertionError("it does not end")
 
 
-def test_full_battery_is_told_with_where_the_robot_stood_and_what_came():
-    robot = BareRecharge(CHARGER)
-    robot.it._charged_j = 12.34
-    assert charged(robot, 0.9, at=4.03) == {"soc": 0.9, "docked_m": 0.03, "charged_j": 12.3}
-
-
 @pytest.mark.parametrize(("soc", "is_full"), [(0.9 - FULL_ERROR + 0.001, True), (0.9 - FULL_ERROR - 0.001, False)])
 def test_battery_may_be_full_before_the_estimate_says_so_but_not_long_before(soc, is_full):
     robot = BareRecharge(CHARGER)
@@ -301,45 +293,9 @@ def test_task_that_is_taken_on_is_the_answer_to_what_was_wanted_and_its_charger_
     assert robot.learned == [CHARGER]
 
 
-def test_charging_costs_docking_and_its_end_is_not_foreseen():
-    robot = BareRecharge(CHARGER)
-    assert robot.it.work(TASK, WANTED) == Work(wait_s=DOCK_S)
-    assert robot.it.left_s(None) is None
-    assert (robot.it.refusal(None), robot.it.homing_reason(None)) == (None, "")
-
-
 # -- the whole --------------------------------------------------------------------------------------------------
 
 OTHER = ChargerPlace(8.0, 0.0)
-
-
-def test_robot_that_is_full_when_it_gets_there_is_done_and_has_been_there():
-    robot = BareRecharge(CHARGER)
-    robot.errand.progress = []
-    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
-    robot.battery.soc, robot.battery.charging = 0.95, True
-    robot.it.run = made = Run(TASK, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
-    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
-    assert made.there_ns == robot.errand.clock.now_ns()
-    robot.it.run = None  # it was dropped meanwhile
-    assert run(robot.it.play(TASK, WANTED))["soc"] == 0.95
-
-
-def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
-    robot = BareRecharge(CHARGER)
-    robot.errand.progress = []
-    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
-    robot.battery.soc, robot.battery.charging = 0.95, True
-    begins_ns = robot.errand.clock.now_ns() + 10**9
-    later = Task(id="c", kind="recharge", place=CHARGER.place, earliest_ns=begins_ns)
-    robot.it.run = made = Run(later, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
-    script = robot.it.play(later, WANTED)
-    robot.errand.wait(0.999)
-    assert run(script, 5) is ...
-    assert made.there_ns is None
-    robot.errand.wait(0.001)
-    assert run(script)["soc"] == 0.95
-    assert made.there_ns == begins_ns
 
 
 def test_charger_of_no_use_is_left_for_the_next_and_the_last_trouble_is_told():
@@ -374,3 +330,20 @@ def test_robot_that_made_room_comes_back_and_ends_with_what_came_of_it_then():
     goals = [goal for goal, _ in robot.errand.set_out]
     assert (goals[0], goals[-1]) == (CHARGER.place, OTHER.place)
     assert robot.it._charged_j == 0.0
+
+
+def test_robot_that_is_there_too_early_waits_and_counts_as_there_from_then_on():
+    robot = BareRecharge(CHARGER)
+    robot.errand.progress = []
+    robot.errand.at = Pose2D(4.0, 0.0, 0.0)
+    robot.battery.soc, robot.battery.charging = 0.95, True
+    begins_ns = robot.errand.clock.now_ns() + 10**9
+    later = Task(id="c", kind="recharge", place=CHARGER.place, earliest_ns=begins_ns)
+    robot.it.run = made = Run(later, WANTED, lambda: iter(()), CHARGER.place, 4.0, 0.0)
+    script = robot.it.play(later, WANTED)
+    robot.errand.wait(0.999)
+    assert run(script, 5) is ...
+    assert made.there_ns is None
+    robot.errand.wait(0.001)
+    assert run(script)["soc"] == 0.95
+    assert made.there_ns == begins_ns

@@ -51,17 +51,6 @@ def test_the_source_is_found_and_told_with_its_place_and_value(errands):
 
 
 @pytest.mark.slow
-def test_a_source_behind_the_wall_is_marked_as_such(errands):
-    run = errands("seek")
-    heat(run, Point2D(9.0, 2.0), FieldSpec(plumes=1, width_m=4.0, wind_m_s=0.0, temperature=HOT.temperature))
-    status = run.finish(seek(), 240.0)
-    assert (status.state, status.why) == (TaskState.DONE, "")
-    assert status.result["at_wall"] is True
-    assert 5.0 < status.result["x_m"] < 6.0  # the highest place in the room, whose east wall is at 6 m
-    assert abs(status.result["y_m"] - 2.0) < 0.8
-
-
-@pytest.mark.slow
 def test_in_a_flat_field_the_robot_ends_with_why(errands):
     run = errands("seek")
     heat(run, None)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.behavior.errands import CHARGER, Errands
 
@@ -41,20 +40,6 @@ def team() -> Iterator[Callable[..., Errands]]:
 
 def charging(run: Errands) -> set[int]:
     return {robot for robot in run.arena.chargers.docked if robot is not None}
-
-
-def test_the_second_of_two_robots_that_are_told_the_same_charger_takes_the_next(team):
-    run = team(2, 2, 0.5)
-    run.run(1.0)
-    for number, robot in enumerate(ROBOTS):
-        assert run.offer(
-            Task(id=f"c{number}", kind="recharge", place=CHARGER, parameters={"until_soc": 0.75}), robot
-        ).accepted
-    run.run_until(lambda: charging(run) == {0, 1}, 45.0, 1.0)
-    run.run_until(lambda: all(run.status(robot).state.ended for robot in ROBOTS), 150.0, 1.0)
-    for robot in ROBOTS:
-        assert (run.status(robot).state, run.status(robot).why) == (TaskState.DONE, "")
-    assert run.arena.collisions == 0
 
 
 def test_more_robots_than_chargers_take_turns_and_none_is_stranded(team):

@@ -19,11 +19,9 @@ from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2 import i2c_battery
 from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, PackValue
 from robrain.plugins.device.bm2.i2c_battery import Chip, InaBattery, SmartBattery, SmartBatteryStatus
-from robrain.plugins.device.bm2.interface import ASSUMED_C, BadReading, plausible
+from robrain.plugins.device.bm2.interface import ASSUMED_C, plausible
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent, PowerSupply
 from robrain.plugins.device.mocdevice.frame_map import Checksum
-from robrain.protocol.can.frames import codec
-from robrain.protocol.can.payload import ID_MASK
 from tests.plugins.device.bare_device import BareDevice
 from tests.plugins.device.battery_chips import InaChip, SmartBatteryChip
 from tests.plugins.device.i2c_bus import I2cBus
@@ -82,13 +80,6 @@ def test_a_smart_battery_tells_its_measurements_and_its_charge(device: Any, chip
     assert found.report == BatteryReport(soc=0.63, soc_sd=0.04)
 
 
-def test_scales_of_a_large_battery_are_read_from_it(device: Any, bus: I2cBus) -> None:
-    bus.chips[ADDRESS] = chip = SmartBatteryChip(voltage_scale=1, current_scale=1)
-    chip.voltage_v, chip.current_a = 96.0, 45.0
-    found = latest(device(SmartBattery))
-    assert (found.voltage_v, found.current_a) == (pytest.approx(96.0), pytest.approx(45.0))
-
-
 def test_alarms_of_a_smart_battery_are_told_by_name(device: Any, chip: SmartBatteryChip) -> None:
     one = device(SmartBattery)
     chip.status, chip.remaining_mah = 0x1000 | 0x0200 | 0x0040 | 0x0007, 123
@@ -130,14 +121,6 @@ def test_an_implausible_value_costs_that_value(values: Any, expected: Any) -> No
     assert (*found[:3], found.report.has_current, found.report.soc) == expected
 
 
-@pytest.mark.parametrize(
-    ("voltage_v", "current_a"), [(0.0, 1.0), (-1.0, 1.0), (12_600.0, 1.0), (NAN, 1.0), (12.0, NAN)]
-)
-def test_without_a_plausible_voltage_or_any_current_there_is_no_measurement(voltage_v: float, current_a: float) -> None:
-    with pytest.raises(BadReading, match="expected a"):
-        plausible(voltage_v, current_a)
-
-
 @given(st.lists(st.integers(0, 0xFFFF), min_size=8, max_size=8))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_whatever_a_battery_answers_is_a_measurement_or_rejected(bus: I2cBus, words: list[int]) -> None:
@@ -152,21 +135,6 @@ def test_whatever_a_battery_answers_is_a_measurement_or_rejected(bus: I2cBus, wo
     assert 0.0 <= (found.report.soc or 0.0) <= 1.0
     assert found.report.soc_sd >= 0.01
     one.it.deactivate()
-
-
-@pytest.mark.parametrize("is_whole_bus", [False, True])
-def test_a_battery_that_is_pulled_out_for_a_moment_is_no_fault(
-    device: Any, bus: I2cBus, chip: SmartBatteryChip, is_whole_bus: bool
-) -> None:
-    one = device(SmartBattery)
-    latest(one)
-    bus.is_there = not is_whole_bus
-    del bus.chips[ADDRESS]
-    for _ in range(24):
-        one.step(0.2)
-    bus.is_there, bus.chips[ADDRESS] = True, chip
-    assert latest(one).stamp_ns == one.clock.now_ns()
-    assert one.it.counters().failed == 24
 
 
 @pytest.mark.parametrize("is_whole_bus", [False, True])
@@ -209,16 +177,6 @@ def test_a_monitor_that_has_lost_power_is_told_again_how_to_measure(
     assert latest(one) == first
     assert chip.configuration == averaging
     assert latest(one).stamp_ns > first.stamp_ns
-    assert one.it.counters().rejected == 1
-
-
-@pytest.mark.parametrize("current_a", [10.0, -10.0])
-def test_a_current_beyond_the_shunt_is_rejected(device: Any, bus: I2cBus, current_a: float) -> None:
-    bus.chips[0x40] = chip = InaChip()
-    one = device(InaBattery, chip=Chip.INA219)
-    before = latest(one)
-    chip.current_a = 4 * current_a
-    assert latest(one) == before
     assert one.it.counters().rejected == 1
 
 
@@ -268,19 +226,6 @@ def test_a_value_of_the_kernel_that_cannot_be_costs_that_value(device: Any, supp
 def test_current_is_power_by_voltage_where_only_that_is_told(device: Any, supply: Any) -> None:
     folder = supply(voltage_now=10_000_000, power_now=25_000_000)
     assert latest(device(PowerSupply, folder=str(folder))).current_a == pytest.approx(2.5)
-
-
-def test_voltage_alone_comes_with_a_guessed_current_that_says_so(device: Any, supply: Any) -> None:
-    folder = supply(voltage_now=11_000_000)
-    found = latest(device(PowerSupply, folder=str(folder), current_a=0.8))
-    assert (found.current_a, found.report) == (0.8, BatteryReport(has_current=False, soc_sd=0.05))
-
-
-def test_batteries_of_mice_and_other_supplies_are_not_the_robots(device: Any, supply: Any) -> None:
-    supply("AC", type="Mains", voltage_now=1)
-    supply("BAT_mouse", scope="Device", voltage_now=2)
-    folder = supply("BAT_pack", voltage_now=15_000_000)
-    assert latest(device(PowerSupply, folder=str(folder))).voltage_v == pytest.approx(15.0)
 
 
 @pytest.mark.parametrize("name", ["capacity", "voltage_now"])
@@ -390,31 +335,12 @@ class Pack:
         self.device.bus.arrived.append(frame)
 
 
-def test_signals_of_any_frames_are_measurements_in_volts_and_amperes(tmp_path: Path) -> None:
-    pack = Pack(tmp_path)
-    assert pack.hear("Pack2", soc=62.5, kelvin=303.2) is None
-    found = pack.hear("Pack1", voltage=25_550, current=-3_000)
-    assert (found.voltage_v, found.current_a) == (pytest.approx(25.55), pytest.approx(3.0))
-    assert found.temperature_c == pytest.approx(30.05)
-    assert found.report == BatteryReport(soc=0.625)
-    again = pack.hear("Pack1", voltage=25_550, current=1_000)
-    assert again.current_a == pytest.approx(-1.0)
-    assert again.charge_c == pytest.approx(-0.1)
-
-
 def test_what_one_frame_no_longer_tells_is_not_taken_with_another(tmp_path: Path) -> None:
     pack = Pack(tmp_path)
     pack.hear("Pack2", soc=62.5, kelvin=303.2)
     pack.device.wait(5.0)
     found = pack.hear("Pack1", voltage=25_000, current=0)
     assert (found.temperature_c, found.report.soc) == (ASSUMED_C, None)
-
-
-def test_a_battery_without_a_current_says_that_it_is_guessed(tmp_path: Path) -> None:
-    frames = (BatteryFrame(frame="Pack1", signals={"voltage": PackValue.VOLTAGE_MV}),)
-    found = Pack(tmp_path, frames=frames, current_a=2.0).hear("Pack1", voltage=24_000)
-    assert (found.current_a, found.temperature_c) == (2.0, ASSUMED_C)
-    assert found.report == BatteryReport(has_current=False)
 
 
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:
@@ -429,23 +355,6 @@ def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> 
     pack.put(850, b"\x01\x02\x03\x06", is_extended=False)
     pack.device.step()
     assert pack.device.it.latest().voltage_v == pytest.approx(0.5)
-
-
-def test_the_bus_is_asked_for_the_batterys_frames_alone(tmp_path: Path) -> None:
-    ((_, _, options),) = Pack(tmp_path).device.opened
-    first, second = options["can_filters"]
-    assert first == {"can_id": 2566834709 & ID_MASK, "can_mask": ID_MASK, "extended": True}
-    assert second == {"can_id": 850, "can_mask": 0x7FF, "extended": False}
-
-
-def test_the_robertinos_battery_is_the_default_and_reports_nothing_more() -> None:
-    device = BareDevice(Bm2)
-    device.it.activate()
-    device.hear("BatteryStatus", 1, voltage_v=15.0, current_a=1.5, temperature_c=20.0)
-    device.step()
-    assert device.it.latest().report is msgspec.UNSET
-    assert b"report" not in msgspec.json.encode(device.it.latest())
-    assert BatteryMap().frames[0].frame == codec("BatteryStatus").name
 
 
 @pytest.mark.parametrize(

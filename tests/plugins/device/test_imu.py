@@ -19,7 +19,6 @@ from robrain.plugins.device.serial_imu import (
     ImuProtocol,
     LineChecksum,
     LineFormat,
-    RateUnit,
     SerialImu,
     WitMotionCodec,
 )
@@ -34,12 +33,6 @@ RATE_RAD_S = 1638 * ANGULAR_VELOCITY_RAD_S
 
 
 # -- frames -----------------------------------------------------------------------------------------------------
-
-
-def test_frame_of_the_manual_is_its_turn_rate() -> None:
-    (motion,) = WitMotionCodec().feed(bytes.fromhex("55 52 00 00 00 00 66 06 C4 09 E0"))
-    assert math.degrees(motion.yaw_rate_rad_s) == pytest.approx(0x0666 / 32768 * 2000)
-    assert (motion.x_m_s2, motion.y_m_s2) == (None, None)
 
 
 def test_acceleration_comes_with_the_turn_rate_behind_it_and_other_frames_are_passed_over() -> None:
@@ -79,18 +72,6 @@ def nmea(body: str) -> bytes:
     for byte in body.encode():
         total ^= byte
     return f"${body}*{total:02X}\r\n".encode()
-
-
-def test_lines_of_any_order_and_unit_are_read() -> None:
-    wanted = LineFormat(
-        prefix="IMU ", separator=" ", yaw_rate_column=2, yaw_rate_unit=RateUnit.DEG_S, acceleration_columns=(0, 1)
-    )
-    codec = ImuLineCodec(wanted)
-    assert codec.feed(b"0 90\nIMU 0.5 -0.25 90\r\nhello\nIMU 1 2 -180\nIMU 1 2") == [
-        ImuMotion(pytest.approx(math.pi / 2), 0.5, -0.25),
-        ImuMotion(pytest.approx(-math.pi), 1.0, 2.0),
-    ]
-    assert codec.feed(b" 3\n") == [ImuMotion(pytest.approx(math.radians(3)), 1.0, 2.0)]
 
 
 @pytest.mark.parametrize("line", [b"x", b"", b"nan,1", b"inf,1", b"1,2,3", b"1", b"\xff\xfe,1", b"9" * 300])
@@ -161,11 +142,6 @@ def test_a_unit_upside_down_that_looks_to_the_left_is_put_right(unit: Any) -> No
     found = one.say(wit_frame(0x51, 2048, 4096, 0, 0) + TURN)
     assert found.yaw_rate_rad_s == pytest.approx(-RATE_RAD_S)
     assert (found.forward_m_s2, found.left_m_s2) == (pytest.approx(19.6), pytest.approx(9.8))
-
-
-def test_a_microcontroller_that_prints_lines_will_do(unit: Any) -> None:
-    one = unit(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_column=2), yaw_sign=-1)
-    assert one.say(b"\n1,2,0.5\n").yaw_rate_rad_s == -0.5
 
 
 def test_a_rate_that_no_unit_measures_is_rejected(unit: Any) -> None:

@@ -1,7 +1,6 @@
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.protocol.can.frames import codec
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
@@ -12,49 +11,8 @@ BASE = OmniBase()
 WHEELS = ("wheel_1", "wheel_2", "wheel_3")
 
 
-class Controller:
-    """The other end of the bus: tells encoder counts as firmware would, one frame a tick."""
-
-    def __init__(self, stage, start=(0, 0, 0)):
-        self.bus = stage.bus()
-        self.counts = list(start)
-        self.sent = 0
-
-    def frame(self):
-        ticks = {f"{wheel}_ticks": count % 65536 for wheel, count in zip(WHEELS, self.counts, strict=True)}
-        self.sent += 1
-        return codec("WheelEncoders").pack(self.sent, **ticks)
-
-    def turn(self, *ticks):
-        self.counts = [count + turned for count, turned in zip(self.counts, ticks, strict=True)]
-        self.bus.send(self.frame())
-
-
 def device(host):
     return host.manager.get("mocdevice").plugin
-
-
-def counted(one, *names):
-    counters = one.call("mocdevice", "counters")
-    return [counters[name] for name in names]
-
-
-def ticks_for(displacement):
-    """Encoder ticks of a displacement (m, m, rad)."""
-    return [turn_rad / BASE.rad_per_tick for turn_rad in BASE.wheel_speeds_rad_s(displacement)]
-
-
-def test_encoder_frames_of_a_metre_forward_are_a_metre_of_odometry(stage):
-    one = stage()
-    host = one.host("mocdevice")
-    controller = Controller(one)
-    per_tick = [round(ticks) for ticks in ticks_for(Twist2D(0.01))]
-    controller.turn(0, 0, 0)
-    one.run(2.0, lambda: controller.turn(*per_tick))
-    pose = device(host).pose()
-    assert (pose.x_m, pose.y_m, pose.yaw_rad) == pytest.approx((1.0, 0.0, 0.0), abs=0.01)
-    assert device(host).velocity().forward_m_s == pytest.approx(0.5, rel=0.01)
-    assert counted(one, "believed", "rejected", "foreign") == [101, 0, 0]
 
 
 def test_a_commanded_velocity_is_on_the_bus_as_wheel_speeds(stage, frames):

@@ -6,10 +6,9 @@ import can
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
-from robrain.plugins.device.mocdevice.frame_clock import StampedAt
-from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, DriveCondition, MotorFault
-from robrain.plugins.device.mocdevice.mocdevice import ECHOES, MocDevice
-from robrain.plugins.device.mocdevice.wheel_device import ENCODER_PERIOD_S, HISTORY_FRAMES, WheelOdometry
+from robrain.plugins.device.mocdevice.interface import BusFault, Counters, DriveCondition, MotorFault
+from robrain.plugins.device.mocdevice.mocdevice import MocDevice
+from robrain.plugins.device.mocdevice.wheel_device import ENCODER_PERIOD_S, WheelOdometry
 from robrain.protocol.can.bus_state import BusState, error_frame
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
@@ -61,12 +60,6 @@ def test_commands_and_stops_count_up_together_and_wrap_at_a_byte(device):
     assert [signals["counter"] for _, signals in device.sent()][-4:] == [255, 0, 1, 2]
 
 
-def test_stop_does_not_latch(device):
-    device.it.stop()
-    ((name, signals),) = device.sent()
-    assert (name, signals["latched"]) == ("Stop", 0)
-
-
 def test_command_at_the_wheels_limit_is_sent_as_it_is_and_one_beyond_keeps_its_direction(device):
     base = OmniBase()
     limit = base.twist(32.0, -16.0, 8.0)
@@ -103,12 +96,6 @@ def test_deactivated_device_stops_the_wheels_leaves_the_bus_and_says_nothing_mor
 def test_halt_stops_the_wheels(device):
     device.it.emergency_halt()
     assert [name for name, _ in device.sent()] == ["Stop"]
-
-
-def test_bus_is_opened_as_the_parameters_say():
-    one = BareDevice(MocDevice, interface="slcan", channel="tty", options={"bitrate": 500})
-    one.it.activate()
-    assert one.opened == [("slcan", "tty", {"bitrate": 500})]
 
 
 # -- a bus that takes no frames ---------------------------------------------------------------------------------
@@ -232,21 +219,6 @@ def test_commands_that_another_gives_are_foreign_and_echoes_of_the_own_are_not(d
     assert device.it.counters().foreign == 2
 
 
-def test_echo_that_comes_very_late_is_not_known_any_more(device):
-    for _ in range(ECHOES + 1):
-        device.it.stop()
-    device.bus.arrived.extend(device.bus.sent[:2])
-    device.step()
-    assert device.it.counters().foreign == 1
-
-
-def test_status_is_told_as_the_controller_says_it(device):
-    assert device.it.status() is None
-    status(device, RUNNING)
-    device.step()
-    assert device.it.status() == ControllerStatus(state=RUNNING, **WELL)
-
-
 def test_bus_off_is_a_fault_and_error_passive_is_a_warning(device, caplog):
     device.bus.arrived.append(error_frame(BusState.PASSIVE))
     device.bus.arrived.append(error_frame(BusState.WARNING))
@@ -302,15 +274,6 @@ def test_odometry_goes_on_where_it_was_and_is_left_on_the_board(again):
     assert again.it.radius_m() == 0.2
 
 
-def test_velocity_is_that_over_the_frames_that_came_and_those_that_are_missing(device):
-    encoders(device, 1)
-    encoders(device, 4, (30, 30, 30))
-    device.step()
-    turned_rad = OmniBase().twist(*[30 * OmniBase().rad_per_tick] * 3).yaw_rad_s
-    assert device.it.velocity().yaw_rad_s == pytest.approx(turned_rad / 0.06)
-    assert device.it.velocity().forward_m_s == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize(("off_s", "is_taken"), [(-0.9, True), (0.9, True), (-1.1, False), (50.0, False)])
 def test_stamp_of_a_frame_counts_unless_it_is_of_another_clock(device, off_s, is_taken):
     frame = encoders(device, 1)
@@ -319,75 +282,6 @@ def test_stamp_of_a_frame_counts_unless_it_is_of_another_clock(device, off_s, is
     now_ns = device.clock.now_ns()
     stamp_ns = now_ns + round(off_s * 1e9) if is_taken else now_ns
     assert device.it.odometry_until_ns() == pytest.approx(stamp_ns, abs=1000)
-
-
-@pytest.mark.parametrize("late_s", [0.3, 1.5])
-def test_late_frames_that_say_when_they_were_sent_were_measured_then(device, late_s):
-    sent_ns = hear_late(device, late_s)
-    turn_rad = device.it.pose_at(sent_ns[-1]).yaw_rad
-    for number, stamp_ns in enumerate(sent_ns):
-        assert device.it.pose_at(stamp_ns).yaw_rad == pytest.approx(turn_rad * number / (len(sent_ns) - 1), abs=1e-9)
-    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1], abs=1000)
-
-
-def test_poses_are_asked_for_by_the_robots_time_also_where_the_first_frames_were_late():
-    device = BareDevice(MocDevice, interface="socketcan")
-    device.it.activate()
-    for number in range(16):  # the last is in time, and the first 0.3 s late
-        encoders(device, number, (10 * number,) * 3)
-    device.step()
-    now_ns = device.clock.now_ns()
-    turn_rad = device.it.pose().yaw_rad
-    for share in (0.0, 0.4, 1.0):
-        yaw_rad = device.it.pose_at(now_ns - to_ns(0.3 * (1 - share))).yaw_rad
-        assert yaw_rad == pytest.approx(share * turn_rad, abs=1e-6)
-    assert device.it.odometry_until_ns() == pytest.approx(now_ns, abs=1000)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "counts"),
-    [
-        ({}, False),
-        ({"interface": "socketcan"}, True),
-        ({"stamped_at": StampedAt.ARRIVAL}, True),
-        ({"interface": "socketcan", "stamped_at": StampedAt.SENDING}, False),
-    ],
-)
-def test_parameters_say_what_the_stamps_stand_for(parameters, counts):
-    device = BareDevice(MocDevice, **parameters)
-    device.it.activate()
-    sent_ns = hear_late(device, 0.3, stamps_arrival=True)
-    late_ns = 0 if counts else to_ns(0.3)
-    assert device.it.odometry_until_ns() == pytest.approx(sent_ns[-1] + late_ns, abs=1000)
-
-
-def test_odometry_of_counts_that_jumped_goes_on_from_the_stamp_of_the_next_frame():
-    device = BareDevice(MocDevice, interface="socketcan")
-    device.it.activate()
-    for counter, ticks in ((1, 0), (2, 30_000), (7, 30_000)):
-        encoders(device, counter, (ticks, 0, 0))
-        device.step(0.02)
-    assert device.it.odometry_until_ns() == pytest.approx(device.clock.now_ns() - to_ns(0.02), abs=1000)
-
-
-def hear_late(device, late_s, *, stamps_arrival=False):
-    """When a frame in time and then sixteen, each with 10 ticks more, that arrive together, were sent.
-
-    The last is `late_s` late. They are stamped when they are sent; with `stamps_arrival`, when they arrive.
-    """
-    sent_ns = []
-    for number in range(17):
-        encoders(device, number, (10 * number,) * 3)
-        sent_ns.append(device.clock.now_ns())
-        if number == 0:
-            device.step()
-        device.wait(0.02)
-    device.wait(late_s - 0.02)
-    if stamps_arrival:
-        for frame in device.bus.arrived:
-            frame.timestamp = device.clock.now_ns() / 1e9
-    device.step()
-    return sent_ns
 
 
 BASE = OmniBase()
@@ -450,29 +344,12 @@ def test_counter_that_wraps_goes_the_short_way(before, after, turned):
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(turned))
 
 
-def test_robot_that_stands_has_no_velocity():
-    one = fresh()
-    one.follow((0, 0, 0), 0, 0)
-    one.follow((5, 5, 5), 1, 0)
-    assert one.velocity.yaw_rad_s == pytest.approx(yaw_rad(5) / ENCODER_PERIOD_S)
-    one.follow((5, 5, 5), 2, 0)
-    assert one.velocity == Twist2D()
-
-
 def test_frames_that_claim_to_be_of_a_later_time_are_forgotten_when_the_clock_was_set_back():
     one = fresh()
     for number, stamp_ns in enumerate((1000, 2000, 3000, 1500)):
         one.follow((number,) * 3, stamp_ns, 0)
     assert one.until_ns == 1500
     assert one.pose_at(1250).yaw_rad == pytest.approx(yaw_rad(1.5))
-
-
-def test_five_seconds_of_frames_are_kept_and_no_more():
-    assert pytest.approx(5.0, abs=0.2) == HISTORY_FRAMES * ENCODER_PERIOD_S
-    one = fresh()
-    for number in range(HISTORY_FRAMES + 10):
-        one.follow((number,) * 3, number, 0)
-    assert one.pose_at(0).yaw_rad == pytest.approx(yaw_rad(10))
 
 
 def test_angle_beyond_the_wheels_turns_the_newest_pose_alone():
@@ -499,9 +376,3 @@ def test_a_controller_that_has_started_again_as_well_counts_from_0_and_moves_not
     assert (one.pose, one.jumps) == (START, 1)
     assert one.follow((4, 1, 0), 1, 0)
     assert one.pose.yaw_rad == pytest.approx(yaw_rad(1))
-
-
-def test_counts_that_went_on_while_nobody_listened_are_motion_however_near_to_0():
-    one = fresh((100, 100, 100))
-    assert one.follow((160, 160, 160), 0, 0)
-    assert one.pose.yaw_rad == pytest.approx(yaw_rad(60))

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN
@@ -17,34 +16,6 @@ def test_millimetres_of_the_wire_are_metres_and_no_return_is_the_maximum(stage):
     assert scan.angles_rad == pytest.approx([-math.pi, -math.pi / 2, 0.0, math.pi / 2])
     assert scan.stamp_ns == 0
     assert one.call("scan", "nearest_m") == 0.001
-
-
-def test_a_lidar_that_is_never_heard_is_named_once_in_the_log(stage, caplog):
-    one = stage()
-    one.host("scan")
-    one.run(9.0)
-    assert not caplog.messages
-    one.run(12.0)
-    assert [said for said in caplog.messages if "no turn yet" in said] == ["r1: the lidar has sent no turn yet"]
-
-
-def test_with_no_return_at_all_nothing_is_near(stage):
-    one = stage()
-    one.host("scan")
-    one.scan([0.0] * 4)
-    one.run(0.02)
-    assert one.call("scan", "nearest_m") is None
-
-
-def test_a_lidar_that_changes_its_fan_is_followed(stage):
-    one = stage()
-    host = one.host("scan")
-    for ranges_m in ([1.0] * 4, [2.0] * 8):
-        one.scan(ranges_m)
-        one.run(0.02)
-        scan = host.manager.get("scan").plugin.latest()
-        assert scan.ranges_m.tolist() == ranges_m
-        assert np.diff(scan.angles_rad) == pytest.approx(2 * math.pi / len(ranges_m))
 
 
 def test_a_robot_hears_its_own_lidar_only(stage):

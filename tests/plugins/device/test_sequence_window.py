@@ -14,20 +14,6 @@ def window(*sequences, oldest=None, size=64):
     return one
 
 
-def test_the_first_in_a_row_are_complete():
-    one = window(5, 6, 7, 10, oldest=5)
-    assert one.complete() == (SequenceRange(5, 7), 3)
-    one.mote_holds_from(8)
-    assert one.complete() is None
-
-
-def test_a_live_reading_far_back_is_a_new_beginning_and_one_just_back_is_late():
-    one = window(100, 101, 102)
-    assert not one.add(101)
-    assert one.add(0)
-    assert (one.missing, one.complete()) == (0, (SequenceRange(0, 0), 1))
-
-
 @given(
     st.integers(0, SEQUENCES - 1),
     st.lists(st.integers(0, 60), min_size=1, max_size=80),
@@ -55,22 +41,6 @@ def test_it_tells_what_a_set_would_tell(start, steps, oldest, span):
             assert one.lacks(request)
             one.add(sequence, is_live=False)
         assert not one.lacks(request)
-
-
-def test_reading_older_than_the_window_is_refused_and_the_oldest_within_it_is_taken():
-    one = window(1000, size=64)
-    assert not one.add(1000 - 64, is_live=False)
-    assert (one.arrived, one.missing) == (1, 0)
-    assert one.add(1000 - 63, is_live=False)
-    assert (one.arrived, one.missing) == (2, 62)
-
-
-def test_newer_reading_shifts_the_window_and_forgets_what_falls_out_of_it():
-    one = window(10, 73, size=64, oldest=0)
-    assert not one.add(10, is_live=False)  # still within
-    assert one.add(74)
-    assert not one.add(10, is_live=False)  # just out
-    assert (one.arrived, one.missing) == (3, 62)
 
 
 def test_live_reading_that_falls_back_by_sixteen_is_late_and_by_more_a_restart():

@@ -9,8 +9,6 @@ from typing import Any, ClassVar
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.algorithms.navigation.wheel_bases import Differential, WheelBase
@@ -94,17 +92,6 @@ def test_it_is_driven_by_lines_and_its_counts_are_the_odometry(arduino: Arduino)
     assert arduino.speeds == (0.0, 0.0)
 
 
-def test_noise_and_half_lines_cost_a_report_and_are_counted(arduino: Arduino) -> None:
-    arduino.turn(0.3)
-    for noise in (b"\xff\x00\xfe\n", b"12 1", b"\r\n", b"9" * 1000 + b"\r\n", b"12 x\r\n"):
-        arduino.plug.send(noise)
-        arduino.turn(0.1)
-    arduino.it.drive(Twist2D(0.3))
-    arduino.turn(0.5)
-    assert arduino.it.pose().x_m > 0.05
-    assert arduino.it.counters().rejected >= 2
-
-
 def test_a_plug_that_is_pulled_is_a_fault_and_the_odometry_goes_on_when_it_is_back(arduino: Arduino) -> None:
     arduino.turn(0.3)
     arduino.it.drive(Twist2D(0.3))
@@ -150,13 +137,6 @@ def test_bytes_without_counts_are_a_fault_that_says_what_to_check(arduino: Ardui
         BusFault, match=r"\d{2,} bytes came from .*base, but no counts: .* baud rate \(57600\), the wiring"
     ):
         noise(5.2)  # a board may take 3 s to start, and say anything meanwhile
-
-
-def test_greeting_of_a_board_is_no_fault(arduino: Arduino) -> None:
-    arduino.plug.send(b"ready\r\n")
-    arduino.wait_in_silence(5.5)
-    arduino.turn(0.3)
-    assert arduino.it.is_fresh()
 
 
 class Frames:
@@ -205,17 +185,6 @@ def test_of_a_controller_that_sends_by_itself_the_first_line_may_be_cut_and_is_l
     assert codec.feed(b"23 998\r\n1023 998\r\n") == [(1023, 998)]
 
 
-def test_signs_of_a_cars_wheels_are_not_those_of_its_speed_and_steering() -> None:
-    words = LineWords(command="d {0:.2f} {1:.3f}", signs=(1, -1))
-    codec = WheelLineCodec(words, 2, 2, 0.05, are_wheels=False)
-    assert codec.command([4.0, 0.3]) == b"d 4.00 0.300\r"
-    assert codec.feed(b"10 -20\r\n") == [(10, 20)]
-    reversed_steering = WheelLineCodec(
-        msgspec.structs.replace(words, command_signs=(1, -1)), 2, 2, 0.05, are_wheels=False
-    )
-    assert reversed_steering.command([4.0, 0.3]) == b"d 4.00 -0.300\r"
-
-
 def test_a_stop_behind_a_command_that_was_cut_off_is_sent_twice() -> None:
     class Full:
         takes = False
@@ -261,11 +230,3 @@ def test_words_that_make_no_line_are_refused(changes: dict[str, Any], why: str) 
 def test_words_for_another_number_of_wheels_are_refused(words: LineWords, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         WheelLineCodec(words, 2, 2, 0.05)
-
-
-@given(st.lists(st.binary(max_size=100), max_size=30))
-def test_no_bytes_break_the_lines_or_fill_their_memory(chunks: list[bytes]) -> None:
-    codec = WheelLineCodec(WORDS, 2, 2, 0.05)
-    for chunk in chunks:
-        for counts in codec.feed(chunk):
-            assert len(counts) == 2

@@ -12,7 +12,7 @@ import pytest
 from robrain.agent.errors import HardwareAbsent
 from robrain.plugins.device.scan.interface import LaserScan
 from robrain.plugins.device.scan.lidar_device import LidarFault, Mount, ScanMaker
-from robrain.plugins.device.scan.serial_lidar import POINTS_MAX, Ld19, Rplidar, SerialLidar
+from robrain.plugins.device.scan.serial_lidar import Ld19, Rplidar, SerialLidar
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.serial.ld19 import encode_ld19
 from robrain.protocol.serial.points import Point
@@ -109,53 +109,6 @@ def test_turn_is_a_scan_counter_clockwise_in_the_robots_frame(lidar: Any) -> Non
     assert one.it.line_counts().bad_checksums == 0
 
 
-@pytest.mark.parametrize(
-    ("mount", "left_is_at"),
-    [
-        (Mount(yaw_rad=math.pi / 2), 180.0),
-        (Mount(yaw_rad=-math.pi / 2), 0.0),
-        (Mount(upside_down=True), -90.0),
-        (Mount(upside_down=True, yaw_rad=math.pi), 90.0),
-    ],
-)
-def test_scan_is_turned_as_the_lidar_is_mounted(lidar: Any, mount: Mount, left_is_at: float) -> None:
-    scan = lidar(mount=mount).wait_for(send=ld19_turns(3))
-    assert at(scan, left_is_at) == 2.0
-    assert at(scan, left_is_at + 180.0) == 3.0
-
-
-def test_lidar_that_sits_ahead_of_the_centre_sees_from_there_and_not_the_robot_itself(lidar: Any) -> None:
-    scan = lidar(mount=Mount(x_m=0.5)).wait_for(send=ld19_turns(3))
-    assert at(scan, 0.0) == pytest.approx(3.5, abs=0.01)
-    assert at(scan, 180.0) == pytest.approx(2.5, abs=0.01)
-    hidden = lidar(mount=Mount(hidden_within_m=2.5)).wait_for(send=ld19_turns(3))
-    assert at(hidden, 90.0) > 2.5
-
-
-def test_points_are_moved_to_where_the_robot_is_at_the_end_of_the_turn(lidar: Any) -> None:
-    one = lidar()
-    ms, begin_ns = 1_000_000, one.clock.now_ns()
-    # It drives at 1 m/s: one second of odometry, a pose each 20 ms.
-    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.02 * n, 0.0, 0.0)) for n in range(2000))
-    packets = [ld19_turns(1)[47 * n : 47 * n + 47] for n in range(30)]
-    seen: set[int] = set()
-    for _ in range(3):
-        for packet in packets:
-            one.send(packet)
-            for _ in range(200):  # the kernel passes it on
-                before = one.it.line_counts().packets
-                one.it.step()
-                if one.it.line_counts().packets > before:
-                    break
-            one.wait(0.01)
-    scan = one.it.latest()
-    assert scan is not None
-    seen.add(scan.stamp_ns)
-    # The front was measured 0.3 s before the end of the turn: the wall ahead is 0.3 m nearer now.
-    assert at(scan, -2.0) == pytest.approx(2.7, abs=0.03)
-    assert at(scan, 2.0) == pytest.approx(3.0, abs=0.03)
-
-
 def test_rplidar_is_asked_to_scan_and_its_nodes_are_the_same_scan(lidar: Any) -> None:
     one = lidar(Rplidar)
     for _ in range(500):
@@ -168,17 +121,6 @@ def test_rplidar_is_asked_to_scan_and_its_nodes_are_the_same_scan(lidar: Any) ->
     nodes = encode_rplidar(range(360), ranges)
     scan = one.wait_for(send=DESCRIPTOR + 3 * nodes)
     assert (at(scan, 90.0), at(scan, -90.0)) == (2.0, 3.0)
-
-
-def test_silent_rplidar_is_asked_again_before_it_counts_as_gone(lidar: Any) -> None:
-    one = lidar(Rplidar, silent_s=5.0)
-    heard = b""
-    for _ in range(150):
-        one.step(0.02)
-        heard += one.heard()
-    for _ in range(200):
-        heard += one.heard()
-    assert heard.count(STOP + MOTOR + SCAN) >= 3
 
 
 def test_line_that_is_pulled_out_is_a_fault_and_is_used_again_when_it_is_back(lidar: Any) -> None:
@@ -195,13 +137,6 @@ def test_line_that_is_pulled_out_is_a_fault_and_is_used_again_when_it_is_back(li
     one.plug_in()
     one.it.activate()
     assert at(one.wait_for(send=ld19_turns(3)), 90.0) == 2.0
-
-
-def test_silence_is_a_fault(lidar: Any) -> None:
-    one = lidar()
-    one.wait_for(send=ld19_turns(3))
-    with pytest.raises(LidarFault, match=r"the lidar has sent no turn for 1\.0 s"):
-        one.steps(100)
 
 
 @pytest.mark.parametrize("kind", [Ld19, Rplidar])
@@ -222,55 +157,6 @@ def test_bytes_that_are_no_packets_are_a_fault_with_causes(kind: type[SerialLida
     finally:
         device.it.deactivate()
         device.pull_out()
-
-
-@pytest.mark.parametrize(("noise", "is_fault"), [(0, False), (40, False), (60, True)])
-def test_a_line_on_which_more_than_half_of_the_bytes_are_no_packets_is_a_fault(
-    lidar: Any, noise: int, is_fault: bool
-) -> None:
-    one, packet, faults = lidar(), ld19_turns(1)[:47], 0
-    for _ in range(120):
-        one.send(packet + bytes(noise))
-        try:
-            one.step(0.02)
-        except LidarFault as fault:
-            faults += "but no valid packets" in str(fault)
-    assert bool(faults) is is_fault
-
-
-def test_a_robot_that_turns_against_its_lidar_has_no_blind_gap_and_claims_nothing_of_what_it_never_saw(
-    lidar: Any,
-) -> None:
-    one = lidar()
-    ms, begin_ns = 1_000_000, one.clock.now_ns()
-    one.board.odometry = tuple((begin_ns + n * 20 * ms, Pose2D(0.0, 0.0, 0.06 * n)) for n in range(2000))
-    packets = [ld19_turns(1, 3.0)[47 * n : 47 * n + 47] for n in range(30)]
-    sizes = []
-    for _ in range(4):
-        for packet in packets:
-            before = one.it.line_counts().packets
-            one.send(packet)
-            for _ in range(200):
-                one.it.step()
-                if one.it.line_counts().packets > before:
-                    break
-            one.wait(0.01)
-        if (scan := one.it.latest()) is not None:
-            sizes.append(len(scan.beam_ranges_m))
-            assert set(scan.beam_ranges_m) == {3.0}
-    # It turns against its lidar: 0.9 rad are not in view in a turn; only the first one lacks them.
-    assert sizes[0] == pytest.approx(240 * (1 - 0.9 / math.tau), abs=4)
-    assert sizes[-1] == 240
-
-
-def test_turn_that_never_ends_is_bounded_and_what_is_beyond_is_counted(lidar: Any) -> None:
-    one = lidar()
-    turn = ld19_turns(1)[: 47 * 20]
-    for _ in range(60):
-        for piece in one.it._decoder.feed(turn):
-            one.it._add(piece._replace(ends_turn=False), one.clock.now_ns())
-    assert sum(len(points) for _, points in one.it._seen) == POINTS_MAX
-    assert one.it.dropped_points() == 60 * 240 - POINTS_MAX
 
 
 HERE = Pose2D(0.0, 0.0, 0.0)

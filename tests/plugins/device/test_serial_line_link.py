@@ -107,10 +107,3 @@ def test_what_a_line_does_not_take_at_once_is_written_later_in_order(socket):
     for _ in range(5):
         link.receive(1)
     assert socket.written == expected
-
-
-def test_line_is_closed_once(socket):
-    link = line()
-    link.close()
-    link.close()
-    assert socket.closed == 1

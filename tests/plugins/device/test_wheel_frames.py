@@ -71,12 +71,6 @@ def counts(device: BareDevice, left: int, right: int, after_s: float = 0.02) -> 
     device.it.step()
 
 
-def test_a_dbc_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
-    path = tmp_path / "marked.dbc"
-    path.write_text('VERSION ""\n\nBU_: PC\n\nBO_ 512 Drive: 4 PC\n', encoding="utf-8-sig")
-    assert [message.frame_id for message in read_dbc(str(path)).messages] == [512]
-
-
 def test_commands_are_in_the_units_of_the_file_and_a_stop_is_a_command_of_nothing() -> None:
     device = two_wheels()
     device.it.drive(Twist2D(0.5, 0.3, 1.0))
@@ -184,41 +178,6 @@ def test_measured_speeds_are_added_up_to_odometry(own: FrameMap) -> None:
     pose = device.it.pose()
     assert pose.x_m == pytest.approx(2.0 * 0.1 * 50 * 0.02, rel=0.001)
     assert pose.yaw_rad == pytest.approx(0.0, abs=1e-9)
-
-
-TWO_ENCODERS = """
-BO_ 1011 Left: 5 Motor
- SG_ left : 0|32@1- (1,0) [0|0] "" Host
- SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
-BO_ 1012 Right: 5 Motor
- SG_ right : 0|32@1- (1,0) [0|0] "" Host
- SG_ alive : 32|8@1+ (1,0) [0|255] "" Host
-"""
-
-
-@pytest.mark.parametrize("lost", [{1011}, {1012}, {1011, 1012}])
-@pytest.mark.parametrize("rounds", [1, 2, 6])
-def test_rounds_of_counts_in_which_a_frame_is_lost_are_neither_a_jump_nor_a_speed(
-    own: FrameMap, lost: set[int], rounds: int
-) -> None:
-    Path(own.dbc).write_text(DBC + TWO_ENCODERS)
-    encoders = (FrameSignals(frame="Left", signals=("left",)), FrameSignals(frame="Right", signals=("right",)))
-    changes = {"encoders": encoders, "measure": Counted.COUNTS, "checksum": Checksum.NONE}
-    device = BareDevice(MocDevice, base=BASE, frames=msgspec.structs.replace(own, **changes))
-    device.it.activate()
-    for number in range(12):
-        device.wait(0.02)
-        for identifier in (1011, 1012):
-            data = (60 * number).to_bytes(4, "little", signed=True) + bytes((number,))
-            frame = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
-            frame.timestamp = device.clock.now_ns() / 1e9
-            if not (identifier in lost and 11 - rounds <= number < 11):
-                device.bus.arrived.append(frame)
-        device.it.step()
-    ticks_m = math.tau / 1000 * 0.1
-    assert device.it.velocity().forward_m_s == pytest.approx(60 * ticks_m / 0.02)
-    assert device.it.pose().x_m == pytest.approx(60 * 11 * ticks_m)
-    assert device.it.counters().rejected == 0
 
 
 def signals(frame: str, *names: str) -> tuple[FrameSignals, ...]:
@@ -357,37 +316,6 @@ def frames_of_makers(path: Path, **changes: Any) -> FrameMap:
     }
     plain: dict[str, Any] = {"counter": "", "checksum": Checksum.NONE, "stop": StopFrame(frame="")}
     return FrameMap(dbc=str(path), status=StatusFrame(frame=""), **{**settings, **plain, **changes})
-
-
-@pytest.mark.parametrize("is_split", [False, True])
-def test_counts_that_take_turns_in_one_frame_are_odometry_beside_unused_frames_that_are_not_sound(
-    tmp_path: Path, is_split: bool
-) -> None:
-    changes = {}
-    if is_split:
-        changes["encoders"] = tuple(FrameSignals(frame="Encoder", signals=(name,)) for name in ("left", "right"))
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", **changes))
-    device.it.activate()
-    for number in range(11):
-        for wheel in (0, 1, 3):  # 3 is of no wheel
-            device.wait(0.005)
-            data = struct.pack("<Bi", wheel, 20 * number)
-            frame = can.Message(arbitration_id=513, data=data, is_extended_id=False)
-            frame.timestamp = device.clock.now_ns() / 1e9
-            device.bus.arrived.append(frame)
-        device.wait(0.005)
-        device.it.step()
-    assert device.it.counters().rejected == 0
-    assert device.it.pose().x_m == pytest.approx(200 / 1000 * math.tau * 0.1, abs=1e-3)
-
-
-def test_commands_that_a_multiplexer_selects_are_a_frame_each(tmp_path: Path) -> None:
-    commands = (FrameSignals(frame="Selected", signals=("left", "right"), units=(SignalUnit.RPM,)),)
-    device = BareDevice(MocDevice, base=BASE, frames=frames_of_makers(tmp_path / "makers.dbc", commands=commands))
-    device.it.activate()
-    device.it.drive_wheels((1.0, -1.0))
-    tenths = round(RPM_PER_RAD_S * 10)
-    assert [struct.unpack("<Bh", frame.data[:3]) for frame in device.bus.sent] == [(1, tenths), (2, -tenths)]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import pytest
 from robrain.algorithms.slam.submap import SURFACE
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas, SubmapKey
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
-from robrain.plugins.skill.mapper import closures
 from robrain.plugins.skill.mapper.closures import ClosureFinder
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
@@ -33,17 +32,6 @@ def searching(atlas: SubmapAtlas, own: Iterable[int] = ()) -> ClosureFinder:
     for number in own:
         graph.begin(number, IDENTITY, IDENTITY, 0, np.eye(3))
     return ClosureFinder("r1", graph, atlas, 0.0)
-
-
-def test_a_submap_that_is_not_finished_is_not_tried() -> None:
-    atlas = atlas_of()
-    atlas.merge(MATE, 0, 0, np.full((64, 64), OCCUPIED, np.int8), 1)
-    assert searching(atlas).candidate(MIDDLE) is None
-
-
-@pytest.mark.parametrize(("occupied", "is_tried"), [(59, False), (60, True)])
-def test_a_submap_with_few_walls_holds_no_scan(occupied: int, is_tried: bool) -> None:
-    assert (searching(atlas_of(MATE, occupied=occupied)).candidate(MIDDLE) == MATE) == is_tried
 
 
 @pytest.mark.parametrize("at", [0, 32])
@@ -76,10 +64,6 @@ def test_the_submap_that_is_being_made_and_the_one_before_are_left_out() -> None
     assert search.candidate(MIDDLE) is None
 
 
-def test_submaps_of_a_mate_with_equal_numbers_are_not_left_out() -> None:
-    assert searching(atlas_of(("r2", 2)), own=[1, 2]).candidate(MIDDLE) == ("r2", 2)
-
-
 def test_a_submap_is_tried_again_only_from_elsewhere() -> None:
     search = searching(atlas_of(MATE))
     assert search.candidate(Pose2D(2.0, 3.0, 0.0)) == MATE
@@ -97,29 +81,3 @@ def test_a_submap_that_was_never_tried_comes_first() -> None:
         atlas.submaps[key] = submap
     there = Pose2D(4.0, 3.0, 0.0)
     assert [search.candidate(there) for _ in range(4)] == [OTHER, ("r4", 1), MATE, None]
-
-
-@pytest.mark.parametrize("first", [MATE, OTHER])
-def test_of_submaps_that_were_tried_the_one_tried_farthest_away_is_next(first: SubmapKey) -> None:
-    atlas, both = atlas_of(first), atlas_of(MATE, OTHER)
-    search = searching(atlas)
-    assert search.candidate(Pose2D(2.0, 3.0, 0.0)) == first
-    atlas.submaps.clear()
-    atlas.submaps.update(both.submaps)
-    (second,) = {MATE, OTHER} - {first}
-    assert search.candidate(Pose2D(3.0, 3.0, 0.0)) == second
-    assert search.candidate(Pose2D(4.0, 3.0, 0.0)) == first, "tried 2 m away, the other one 1 m"
-
-
-def test_a_robot_that_may_be_anywhere_tries_all_again() -> None:
-    search = searching(atlas_of(MATE))
-    assert search.candidate(MIDDLE) == MATE
-    search.restart()
-    assert search.candidate(MIDDLE) == MATE
-
-
-def test_memory_of_what_was_tried_is_bounded_and_the_oldest_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closures, "TRIED_MAX", 2)
-    third: SubmapKey = ("r4", 1)
-    search = searching(atlas_of(MATE, OTHER, third))
-    assert [search.candidate(MIDDLE) for _ in range(5)] == [MATE, OTHER, third, MATE, OTHER]

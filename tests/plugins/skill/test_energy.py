@@ -65,13 +65,3 @@ def test_a_battery_that_lies_teaches_nothing_and_leaves_less_to_use(robot):
     after = robot.call("energy", "model")
     assert after["coefficients"] == pytest.approx(before["coefficients"], abs=0.3)
     assert after["usable_j"] < before["usable_j"] - 2000.0
-
-
-def test_a_robot_without_a_battery_offers_nothing_to_use(stage):
-    one = stage()
-    one.host("energy")
-    states = one.inbox(ROBOT_STATE)
-    one.run(1.0)
-    assert one.call("energy", "usable_j") == 0.0
-    assert one.call("energy", "estimate", {"wait_s": 10.0})["mean_j"] == pytest.approx(80.0)
-    assert states.drain()[-1].message.energy is None

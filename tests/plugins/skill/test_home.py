@@ -13,13 +13,6 @@ def test_chargers_of_the_manifest_are_known_and_more_are_learned():
         assert bench.host.board.chargers == (Point2D(1.0, 2.0), Point2D(4.0, 2.0))
 
 
-def test_no_more_chargers_are_learned_than_fit():
-    with PluginBench(load=["home"]) as bench:
-        for number in range(300):
-            bench.call("home", "learn", {"x_m": float(number), "y_m": 0.0})
-        assert len(bench.call("home", "chargers")) == 256
-
-
 def test_the_start_is_known_once_the_robot_knows_where_it_is():
     with PluginBench(load=["home"]) as bench:
         assert bench.call("home", "start") is None

@@ -1,30 +1,17 @@
 import math
 
-import pytest
-
 from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.plugins.unit.snw_exploration.interface import RssiMeasurement
 from robrain.protocol.can.frames import codec
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
-from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
 
 BASE = OmniBase()
 WHEELS = ("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")
 MOTES = [Point2D(x, y) for x in (-2.0, 3.0, 9.0, 15.0) for y in (-5.0, 4.0)]
-
-
-def roll(one, bus, displacement):
-    """Encoder frames of a displacement (m, m, rad), in a hundred small steps."""
-    turns = BASE.wheel_speeds_rad_s(displacement)
-    for step in range(101):
-        counts = [round(turn_rad / BASE.rad_per_tick * step / 100) % 65536 for turn_rad in turns]
-        bus.send(codec("WheelEncoders").pack(step, **dict(zip(WHEELS, counts, strict=True))))
-        one.run(0.02)
-    one.run(0.2)
 
 
 def biased(one, bus, metres, *, each=None):
@@ -75,36 +62,6 @@ def test_motes_correct_what_the_wheels_get_wrong(stage):
     assert errors_m[True] < 0.4 * errors_m[False]
 
 
-def test_odometry_stays_continuous_and_the_correction_is_in_its_frame(stage):
-    one = stage()
-    host = one.host("localisation")
-    steps = iter(range(1_000_000))
-    before = []
-
-    def each(x_m):
-        heard(one, host, x_m, next(steps))
-        before.append(host.board.T_arena_odom)
-
-    biased(one, one.bus(), 4.0, each=each)
-    localisation = host.manager.get("localisation").plugin
-    odometry = host.manager.get("driver").plugin.pose()
-    assert len(set(before)) > 10
-    assert host.board.T_arena_odom.compose(odometry).distance_m(localisation.pose()) < 1e-9
-    (point,) = localisation.to_odom([Point2D(1.0, 2.0)])
-    back = host.board.T_arena_odom.compose(Pose2D(point.x_m, point.y_m, 0.0))
-    assert (back.x_m, back.y_m) == pytest.approx((1.0, 2.0))
-
-
-def test_the_state_carries_a_covariance_that_grows_with_the_way(stage):
-    one = stage()
-    one.host("localisation")
-    states = one.inbox(ROBOT_STATE)
-    roll(one, one.bus(), Twist2D(3.0))
-    covariances = [received.message.pose_covariance for received in states.drain()]
-    assert all(len(covariance) == 9 for covariance in covariances)
-    assert covariances[-1][0] > 10 * covariances[0][0]
-
-
 def test_a_robot_whose_motes_contradict_its_wheels_says_that_it_is_lost_and_leaves_the_map_of_the_team(stage):
     one = stage()
     host = one.host("localisation", "mapper")
@@ -135,44 +92,3 @@ def test_signals_reach_localisation_through_the_sensor_network(stage):
         network.measured.notify(RssiMeasurement(mote="m1", place=place, rssi_dbm=-78.0, stamp_ns=0))
     one.run(0.3)
     assert one.call("localisation", "health")["signals"] == 1
-
-
-@pytest.mark.slow
-def test_walls_hold_a_robot_whose_wheels_are_wrong(stage, room):
-    plan = room(9.0, 5.0, (2.8, 2.2, 3.6, 2.8), (5.6, 2.1, 6.2, 2.6))
-    errors_m = {}
-    for scan_matching in (False, True):
-        start = Pose2D(1.0, 1.0, 0.0)
-        one = stage(plan, r1=start)
-        base = {"type": "omni3", "wheel_radius_m": 0.0404}  # its wheels are 1 % smaller than it takes them for
-        host = one.host(
-            "mapper",
-            "localisation",
-            localisation={"x_m": 1.0, "y_m": 1.0, "scan_matching": scan_matching},
-            mocdevice={"base": base},
-        )
-        localisation, driver = (host.manager.get(name).plugin for name in ("localisation", "driver"))
-        worst_m = 0.0
-        for goal in [(7.5, 1.0), (7.5, 4.0), (1.0, 4.0), (1.0, 1.0)]:
-            driver.follow(localisation.to_odom([Point2D(*goal)]))
-            for _ in range(16):
-                one.run(1.0)
-                worst_m = max(worst_m, one.truth().pose.distance_m(localisation.pose()))
-        errors_m[scan_matching] = worst_m
-        one.hosts.remove(host)
-        host.close()
-    assert errors_m[True] < 0.15
-    assert errors_m[True] < 0.5 * errors_m[False]
-
-
-@pytest.mark.parametrize(("every", "phase"), [(1, 0), (5, 0), (5, 1), (5, 2), (5, 3), (5, 4)])
-def test_scans_are_mapped_also_if_the_wheels_counts_come_a_tick_later(stage, every, phase):
-    """With a scan in every tick, or in every fifth one, before or after localisation's own step."""
-    one = stage()
-    one.host("localisation", "mapper")
-    bus, ticks = one.bus(), iter(range(phase, 1_000_000))
-    standing = dict.fromkeys(WHEELS, 0)
-    for _ in range(250):
-        bus.send(codec("WheelEncoders").pack(0, **standing))  # of the tick before
-        one.run(0.02, lambda: one.scan([2.0] * 90) if next(ticks) % every == 0 else None)
-    assert one.call("mapper", "counters")["scans"] > 20

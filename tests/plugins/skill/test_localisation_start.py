@@ -20,7 +20,6 @@ from robrain.protocol.model.map_frame import ARENA, MapFrame
 GEOMETRY = GridGeometry(0.1, -8.0, -8.0, 160, 160)
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
 SQUARE_M = [min(2.0 / max(abs(math.cos(a)), abs(math.sin(a))), 5.0) for a in np.linspace(-np.pi, np.pi, 361)[:-1]]
-NARROW_M = [0.5 * range_m for range_m in SQUARE_M]
 
 
 def room_of_others(half_m=2.0):
@@ -57,19 +56,6 @@ def test_a_robot_that_does_not_see_what_the_others_have_mapped_there_started_els
     assert all("on the map of the others" in each["why"] for each in said)
 
 
-def test_each_state_of_the_others_map_is_looked_at_once(stage):
-    """What comes to stand in the way afterwards does not make the start a false one."""
-    one, host = started(stage)
-    others = host.board.shared(OwnMap).map_of_others = room_of_others()
-    standing(one, 0.3)
-    standing(one, 0.3, NARROW_M)
-    assert host.board.lost == ""
-    others.merge_patch(0, 0, np.full((1, 1), FREE, np.int8), 6)
-    standing(one, 0.3, NARROW_M)
-    assert host.board.shared(OwnMap).false_start
-    assert "on the map of the others" in host.board.lost
-
-
 @pytest.mark.parametrize(("beams", "is_told"), [(0, False), (1, True), (90, True)])
 def test_whoever_sees_a_wall_tells_how_well_it_fits_the_teams_map(stage, beams, is_told):
     one = stage()
@@ -80,54 +66,12 @@ def test_whoever_sees_a_wall_tells_how_well_it_fits_the_teams_map(stage, beams, 
     assert (host.board.map_agreement is not None) == is_told
 
 
-def test_where_the_teams_map_knows_less_than_half_of_what_is_seen_nothing_is_told(stage):
-    one = stage()
-    host = one.host("localisation", "mapper", mapper=GRID)
-    standing(one, 1.0)
-    host.board.map_agreement = None
-    host.manager.get("localisation").plugin._localiser.shift(Pose2D(5.0, 0.0, 0.0))
-    standing(one, 1.2)
-    assert host.board.map_agreement is None
-    assert host.board.T_arena_odom != IDENTITY
-
-
-@pytest.mark.parametrize("scan_matching", [True, False])
-def test_scans_wait_for_localisation_only_if_it_lays_them_on_the_map(stage, scan_matching):
-    one = stage()
-    host = one.host("mapper", "localisation", mapper=GRID, localisation={"scan_matching": scan_matching})
-    assert (host.board.shared(OwnMap).local_pose.until_ns > 0) != scan_matching
-    standing(one, 1.0)
-    assert one.call("mapper", "counters")["scans"] > 0
-    assert (one.call("localisation", "health")["matches"] > 0) == scan_matching
-
-
 def walls_at(T_arena_local):
     """The robot's own map of the square room, and where that lies."""
     grid = OccupancyGrid(GEOMETRY, surfaces=True)
     angles_rad = np.linspace(-np.pi, np.pi, 361)[:-1]
     grid.integrate_scan(IDENTITY, angles_rad, np.array(SQUARE_M), 6.0, 1, np.empty((0, 3)))
     return LocalMap(grid, T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, 0)
-
-
-def test_a_scan_is_laid_on_the_map_in_the_tick_in_which_odometry_covers_its_time(stage):
-    one, host = started(stage)
-    host.board.map, host.board.shared(OwnMap).local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
-    standing(one, 0.1)
-    assert host.board.shared(OwnMap).local_pose.until_ns == one.clock.now_ns()
-    assert host.board.shared(OwnMap).local_pose.checked
-
-
-def test_a_scan_that_comes_just_after_a_loop_closure_moved_the_map_still_lies_on_it(stage):
-    one, host = started(stage, scan_period_s=0.001)
-    host.board.map, host.board.shared(OwnMap).local_map = OccupancyGrid(GEOMETRY), walls_at(IDENTITY)
-    standing(one, 0.3)
-    for number in range(1, 7):
-        moved = Pose2D(0.7 * number, -0.4, 0.2)
-        host.board.shared(OwnMap).local_map = walls_at(moved)
-        for _ in range(3):
-            standing(one, 0.02)
-            assert host.board.shared(OwnMap).local_pose.fits
-    assert host.manager.get("localisation").plugin.pose().distance_m(moved) < 0.05
 
 
 MOTES = [Point2D(float(x), float(y)) for x in (-2, 5, 12) for y in (-3, 4, 11)]
@@ -183,10 +127,6 @@ def test_a_lost_robot_that_has_mapped_nothing_is_where_motes_tell(stage):
     assert host.board.shared(OwnMap).local_pose.trajectory == 2, "its map begins where it was found"
 
 
-STANDING = {f"wheel_{wheel}_ticks": 0 for wheel in (1, 2, 3)}
-OMNI = OmniBase()
-
-
 OWN = MapFrame(20, "r1")
 
 
@@ -230,38 +170,7 @@ def test_after_a_pause_the_robot_is_where_it_was_but_less_sure_or_where_it_was_t
     assert localisation.health().sigma_rad == pytest.approx(sigma_rad)
 
 
-@pytest.mark.parametrize("is_known_from_before", [False, True])
-def test_a_start_that_nobody_has_said_makes_a_robot_lost_unless_it_was_there_before(stage, is_known_from_before):
-    one = stage()
-    host = one.host("localisation", start=False, localisation={"start_known": False})
-    if is_known_from_before:
-        host.board.T_arena_odom, host.board.pose_covariance = IDENTITY, tuple((1e-3 * np.eye(3)).ravel().tolist())
-    host.start()
-    assert (host.board.lost == "") == is_known_from_before
-    assert is_known_from_before or "nobody has said where it starts" in host.board.lost
-
-
 MOVED = Pose2D(0.3, -0.2, 0.4)
-
-
-def test_a_robot_moves_with_the_frame_of_the_map_that_it_goes_by(stage):
-    one, host, localisation = localised(stage, x_m=2.0, y_m=1.0, yaw_rad=0.3)
-    before, local = localisation.pose(), host.board.shared(OwnMap).local_pose.T_local_odom
-    host.board.shared(OwnMap).local_map = in_frame(MOVED)
-    one.run(0.2)
-    assert off(localisation.pose(), MOVED.compose(before)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    assert off(host.board.shared(OwnMap).local_pose.T_local_odom, local) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    host.board.shared(OwnMap).local_map = in_frame(IDENTITY)
-    one.run(0.2)
-    assert off(localisation.pose(), before) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-
-
-def test_a_lost_robot_is_not_moved_by_the_map_from_before_it_was_lost(stage):
-    one, host, localisation = localised(stage, start_known=False, x_m=2.0)
-    host.board.shared(OwnMap).local_map = in_frame(MOVED)
-    one.run(0.2)
-    assert localisation.pose() == host.board.shared(OwnMap).local_pose.T_local_odom == Pose2D(2.0, 0.0, 0.0)
-    assert host.board.lost
 
 
 def test_a_lost_robot_moves_with_the_map_in_its_own_frame_and_is_found_when_that_lies_in_the_arena(stage):
@@ -287,72 +196,6 @@ def test_a_robot_whose_map_leaves_the_arena_frame_is_lost_for_the_same_reason_an
     assert localisation.pose() == Pose2D(2.0, 0.0, 0.0)
     assert host.board.shared(OwnMap).local_pose.trajectory == 0
     assert localisation.health().sigma_m < 0.1
-
-
-def test_a_robot_that_stands_lays_a_scan_on_its_map_five_times_a_second(stage):
-    one, _, localisation = localised(stage, "mapper", start_sigma_m=0.06)
-    standing(one, 1.0)
-    before = localisation.health().matches
-    standing(one, 4.0)
-    assert localisation.health().matches - before == pytest.approx(20, abs=1)
-    assert localisation.health().last_fit > 0.95
-
-
-@pytest.mark.parametrize(("scan_path_m", "matches"), [(0.03, 25), (0.1, 9)])
-def test_a_robot_that_drives_lays_a_scan_on_its_map_after_its_way(stage, scan_path_m, matches):
-    one, host, localisation = localised(stage, "mapper", scan_path_m=scan_path_m, scan_period_s=100.0)
-    standing(one, 0.5)
-    host.board.map_agreement = 0.0
-    before = localisation.health().matches
-    bus, counts = one.bus(), [0.0, 0.0, 0.0]
-    for step in range(100):
-        for wheel, turn_rad in enumerate(OMNI.wheel_speeds_rad_s(Twist2D(0.01))):
-            counts[wheel] += turn_rad / OMNI.rad_per_tick
-        ticks = {name: round(count) % 65536 for name, count in zip(STANDING, counts, strict=True)}
-        bus.send(codec("WheelEncoders").pack(step, **ticks))
-        x_m = 0.01 * (step + 1)
-        ranges_m = [
-            min(
-                (2.0 - x_m if math.cos(a) > 0 else 2.0 + x_m) / max(abs(math.cos(a)), 1e-9),
-                2.0 / max(abs(math.sin(a)), 1e-9),
-            )
-            for a in np.linspace(-np.pi, np.pi, 361)[:-1]
-        ]
-        one.scan(ranges_m)
-        one.run(0.02)
-    assert localisation.health().matches - before == pytest.approx(matches, abs=2)
-    assert localisation.pose().x_m == pytest.approx(1.0, abs=0.03)
-    assert 0.0 < host.board.map_agreement < 0.28, "which is told once a second all the same"
-
-
-def test_once_a_second_a_scan_is_held_against_the_teams_map(stage):
-    one, host, _ = localised(stage, "mapper")
-    standing(one, 2.5)
-    assert host.board.map_agreement == 1.0
-    host.board.map_agreement, told = 0.0, []
-
-    def each():
-        one.stand_and_scan(SQUARE_M)
-        told.append(host.board.map_agreement)
-
-    one.run(4.0, each)
-    steps = sorted({share for share in told if share > 0.0})
-    assert steps[:3] == pytest.approx([0.1, 0.19, 0.271])
-    assert len(steps) in {3, 4}
-
-
-@pytest.mark.parametrize("yaw_rad", [0.0, 1.2])
-def test_a_frame_of_its_own_begins_in_the_middle_of_the_map_so_that_there_is_room_on_all_sides(stage, yaw_rad):
-    one, host, localisation = localised(stage, "mapper", x_m=7.0, y_m=-6.5, yaw_rad=yaw_rad)
-    standing(one, 1.0)
-    assert off(localisation.pose(), Pose2D(7.0, -6.5, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
-    localisation._localiser.lose("carried off")
-    standing(one, 1.0)
-    assert host.board.lost == "carried off"
-    assert host.board.frame != ARENA
-    assert off(localisation.pose(), Pose2D(0.0, 0.0, yaw_rad)) == pytest.approx((0.0, 0.0, 0.0), abs=0.12)
-    view = host.manager.get("mapper").plugin.view()
-    assert np.count_nonzero(view.classes == OCCUPIED) > 120, "all four walls"
 
 
 def test_a_robot_whose_map_lies_wrong_begins_another(stage):

@@ -119,21 +119,6 @@ def test_others_do_the_task_of_a_robot_that_maps_in_a_frame_of_its_own(errands, 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
-def test_a_task_whose_robot_does_not_find_itself_fails_with_why_and_the_robot_stands(errands):
-    run = errands()
-    assert run.offer(Task(id="v", kind="visit", place=FAR)).accepted
-    run.run(1.0)
-    lose(run)
-    run.run(PATIENCE_S + 3.0)
-    assert (run.status().state, run.status().why) == (TaskState.FAILED, SAYS)
-    path_m = run.path_m()
-    run.run(10.0)
-    assert run.path_m() == path_m
-    assert run.arena.collisions == 0
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("impatient")
 def test_one_that_does_not_find_itself_stands_until_it_is_found(errands):
     run = errands("idle")
     lose(run)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from robrain.algorithms.mapping.local_map import NO_DRIFT, ArenaFix, LocalPose, OwnMap
+from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import joined_message, to_message
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
-from robrain.protocol.model.geometry import IDENTITY, Pose2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.grid_geometry import FREE, UNKNOWN
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
 from tests.algorithms.mapping.lidar_floor import ROOM
@@ -110,50 +110,9 @@ class Lost:
         return self.board.shared(OwnMap).local_map.T_arena_local.compose(T_OWN_FLOOR)
 
 
-def test_a_lost_robot_that_sees_what_a_mate_has_mapped_moves_its_map_there_and_tells_the_team(stage):
-    robot = Lost(stage)
-    assert robot.scan(PLACES[0]) != ARENA
-    robot.mates_map()
-    assert any(robot.way())
-    assert robot.T_arena_floor.distance_m(IDENTITY) < 0.15
-    assert robot.board.shared(OwnMap).local_map.reason == ""
-    frames = [part.frame for each in robot.told.drain() for part in (each.message, *each.message.parts) if part.submap]
-    assert frames[0] != ARENA
-    assert frames[-1] == ARENA
-    robot.scan(PLACES[0], 1.2)
-    assert all(not each.message.parts for each in robot.told.drain()), "each movement is sent once"
-    walls = robot.board.map.classes() == OCCUPIED
-    assert 200 < np.count_nonzero(walls) < 1.25 * np.count_nonzero(ROOM_CLASSES == OCCUPIED), "it is drawn once"
-
-
-def test_where_motes_speak_against_it_a_lost_robot_does_not_join(stage):
-    robot = Lost(stage)
-    asked = []
-    robot.board.shared(OwnMap).may_be_at = lambda pose: bool(asked.append(pose))
-    robot.mates_map()
-    assert not any(robot.way())
-    assert len(asked) > 2
-    assert all(min(pose.distance_m(place) for place in PLACES) < 0.15 for pose in asked)
-
-
 @pytest.mark.parametrize(("mate", "joins"), [(Pose2D(4.5, 3.0, 0.0), False), (Pose2D(11.0, 11.0, 0.0), True)])
 def test_where_a_mate_would_stand_that_is_not_there_a_lost_robot_does_not_join(stage, mate, joins):
     """From each of its places it sees the walls behind the mate's; the other mate's place is out of sight."""
     robot = Lost(stage)
     robot.mates_map()
     assert any(robot.way(lambda: robot.one.say_state("r2", mate))) == joins
-
-
-def test_motes_that_have_found_a_lost_robot_move_its_map_at_once(stage):
-    robot = Lost(stage)
-    robot.scan(PLACES[0])
-    at, T_arena_frame = Pose2D(3.0, 2.0, 0.4), Pose2D(1.0, -1.0, 0.3)
-    covariance = np.diag((0.04, 0.04, 0.01))
-    robot.board.shared(OwnMap).arena_fix = ArenaFix(T_arena_frame, at, covariance, 0)
-    robot.one.run(0.6)
-    assert robot.board.frame != ARENA, "it is of a map that was given up since"
-    robot.board.shared(OwnMap).arena_fix = ArenaFix(T_arena_frame, at, covariance, 1)
-    robot.one.run(0.6)
-    assert robot.board.frame == ARENA
-    assert robot.board.shared(OwnMap).arena_fix is None
-    assert robot.board.shared(OwnMap).local_map.T_arena_local.distance_m(T_arena_frame) < 1e-6

@@ -11,11 +11,10 @@ from robrain.algorithms.slam.map_patch import merge_message, pose_message, to_me
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.algorithms.slam.submap_graph import GraphSpec, SubmapGraph
 from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
-from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE, Closure, Closures
+from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, Closure, Closures
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import STAMP_MAX
 
 GRID = {"resolution_m": 0.1, "origin_x_m": -8.0, "origin_y_m": -8.0, "width_m": 16.0, "height_m": 16.0}
@@ -52,26 +51,6 @@ def view(host):
 
 def class_at(host, x_m, y_m):
     return view(host).classes[view(host).geometry.cell_of(x_m, y_m)]
-
-
-def test_a_mapper_that_has_paused_goes_on_only_when_the_place_is_clearly_surer(stage):
-    one, host = mapping(stage)
-    paused = []
-    for sigma_m in (1.9, 2.1, 1.9, 1.7, 1.5, 1.9):
-        host.board.shared(OwnMap).local_pose = lies_at(sigma_m=sigma_m)
-        scanned(one, 0.1)
-        paused.append(bool(one.call("mapper", "counters")["skip_reason"]))
-    assert paused == [False, True, True, True, False, False]
-
-
-def test_scans_wait_until_localisation_has_laid_them_on_its_map(stage):
-    one, host = mapping(stage)
-    host.board.shared(OwnMap).local_pose = lies_at(until_ns=0)
-    scanned(one, 0.2)
-    assert one.call("mapper", "counters")["scans"] == 0
-    host.board.shared(OwnMap).local_pose = lies_at()
-    scanned(one, 0.02)
-    assert 5 < one.call("mapper", "counters")["scans"] <= 16
 
 
 def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage):
@@ -116,14 +95,6 @@ def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_sta
     assert (view(host).classes == team.grid.classes()).all()
 
 
-def test_what_the_others_had_mapped_before_is_there_to_check_the_start_for_five_seconds(stage):
-    one, host = mapping(stage)
-    scanned(one, 4.6)
-    assert host.board.shared(OwnMap).map_of_others is not None
-    scanned(one, 1.2)
-    assert host.board.shared(OwnMap).map_of_others is None
-
-
 def test_a_robot_that_was_found_again_begins_its_map_anew(stage):
     one, host = mapping(stage)
     scanned(one)
@@ -143,15 +114,6 @@ QUARTER = Pose2D(1.0, 0.5, math.pi / 2)
 
 def in_frame(T_arena_local):
     return LocalMap(OccupancyGrid(GEOMETRY), T_arena_local, IDENTITY, NONE, NO_DRIFT, 1, 1, 0)
-
-
-def test_a_mapper_that_is_started_again_goes_on_in_the_frame_that_it_had(stage):
-    one, host = mapping(stage, local_map=in_frame(QUARTER))
-    scanned(one)
-    assert host.board.shared(OwnMap).local_map.T_arena_local == QUARTER
-    wall, floor = QUARTER.compose(Pose2D(2.05, 0.35, 0.0)), QUARTER.compose(Pose2D(1.55, 0.35, 0.0))
-    assert class_at(host, wall.x_m, wall.y_m) == OCCUPIED
-    assert class_at(host, floor.x_m, floor.y_m) == FREE
 
 
 @pytest.mark.parametrize("T_arena_local", [IDENTITY, QUARTER, Pose2D(-0.5, 1.0, -0.7)])
@@ -215,19 +177,6 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
     assert part.variance_rad2 == pytest.approx(host.board.shared(OwnMap).local_map.variances[2])
 
 
-@pytest.mark.slow
-def test_a_mate_that_moves_its_submap_takes_along_what_is_closed_with_it(stage):
-    one, host = mapping(stage)
-    scanned(one, 1.2)
-    mates_submap(one)
-    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(host.board.shared(OwnMap).local_map.number, 0.0))
-    scanned(one, 3.0)
-    assert host.board.shared(OwnMap).local_map.T_arena_local == IDENTITY
-    one.publisher(ROBOT_MAP, robot="r2").put(pose_message("r2", GEOMETRY, 7, Pose2D(0.2, 0.0, 0.0)))
-    scanned(one, 3.0)
-    assert host.board.shared(OwnMap).local_map.T_arena_local.x_m == pytest.approx(0.19, abs=0.01)
-
-
 def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
@@ -258,45 +207,6 @@ def test_what_was_mapped_from_a_false_start_is_withdrawn_and_the_team_is_told(st
     assert class_at(host, -2.05, 0.0) == UNKNOWN
 
 
-def test_a_mates_closure_does_not_bring_back_a_submap_that_was_withdrawn(stage):
-    one, host = mapping(stage)
-    scanned(one, 1.2)
-    mates_submap(one)
-    wrong = host.board.shared(OwnMap).local_map.number
-    host.board.shared(OwnMap).false_start = True
-    one.run(0.6, lambda: one.stand_and_scan([0.0] * 4))
-    patches = one.inbox(ROBOT_MAP, robot="r1")
-    one.publisher(ROBOT_CLOSURES, robot="r2").put(closure(wrong, 0.3))
-    scanned(one, 3.0)
-    told = [part for each in patches.drain() for part in (each.message, *each.message.parts)]
-    assert wrong not in {part.submap for part in told if not part.parts}
-
-
-def test_nothing_that_was_not_told_yet_is_told_of_a_withdrawn_submap(stage):
-    one, host = mapping(stage)
-    patches = one.inbox(ROBOT_MAP)
-    scanned(one, 0.3)
-    host.board.shared(OwnMap).false_start = True
-    one.run(1.0, lambda: one.stand_and_scan([0.0] * 4))
-    told = [received.message for received in patches.drain()]
-    assert all(not message.cells or message.submap > 300 for message in told)
-
-
-def test_the_whole_map_has_the_submaps_of_robots_that_have_gone(stage, room):
-    one = stage(room(), r1=Pose2D(1.0, 1.0, 0.0), r2=Pose2D(3.0, 3.0, 0.0))
-    hosts = [one.host("mapper", "localisation", robot=robot) for robot in ("r1", "r2")]
-    one.run(2.0)
-
-    def told():
-        whole = one.wire.ask(ROBOT_MAP_WHOLE, robot="r1")
-        return {part.robot for part in whole.parts}
-
-    assert told() == {"r1"}, "r2 can tell its own"
-    one.hosts.remove(hosts[1])
-    hosts[1].close()
-    one.run_until(lambda: told() == {"r1", "r2"}, 30.0)
-
-
 ANGLES_RAD = np.linspace(-np.pi, np.pi, 361)[:-1]
 NOBODY = np.empty((0, 3))
 RANGE_M = 6.0
@@ -322,106 +232,6 @@ def mates_room():
 
 
 CELLS, SURFACES = mates_room()
-
-
-class Scene:
-    """A robot r1 that stands where it is put, and mates that have each mapped the room."""
-
-    def __init__(self, stage, *mates, **mapper):
-        self.one = stage()
-        self.host = self.one.host("mapper", mapper=GRID | mapper)
-        self.host.board.pose_covariance = tuple(np.diag((0.01, 0.01, 0.001)).ravel().tolist())
-        self.told = self.one.inbox(ROBOT_CLOSURES, robot="r1")
-        for mate in mates:
-            self.one.wire.token(ROBOT_ALIVE, robot=mate)
-        self.one.run(0.6)
-        for mate in mates:
-            say = self.one.publisher(ROBOT_MAP, robot=mate)
-            say.put(to_message(mate, GEOMETRY, CELLS, 7))
-            say.put(pose_message(mate, GEOMETRY, 7, IDENTITY, surfaces=SURFACES))
-        self.one.run(0.6)
-
-    def scan(self, x_m, seconds, *, y_m=0.0, **says):
-        """Stand there for so long, where localisation says so."""
-        fields = {"trajectory": 0, "lost": "", "checked": None, "fits": True} | says
-        self.host.board.shared(OwnMap).local_pose = LocalPose(
-            Pose2D(x_m, y_m, 0.0),
-            fields["trajectory"],
-            NO_DRIFT,
-            STAMP_MAX,
-            fields["fits"],
-            0.1,
-            fields["lost"],
-            fields["checked"],
-        )
-        self.one.run(seconds, lambda: self.one.stand_and_scan(square_from(x_m, y_m).tolist()))
-
-    def counters(self):
-        return self.one.call("mapper", "counters")
-
-    @property
-    def closures(self):
-        return self.counters()["closures"]
-
-
-def test_a_closure_is_told_once_and_with_all_that_the_mate_needs(stage):
-    scene = Scene(stage, "r2")
-    scene.scan(0.0, 3.0)
-    assert scene.closures == 1
-    (message,) = [received.message for received in scene.told.drain()]
-    (closure,) = message.closures
-    assert (message.robot, closure.other_robot, closure.other_submap) == ("r1", "r2", 7)
-    assert closure.submap == scene.host.board.shared(OwnMap).local_map.number
-
-
-def test_a_robot_that_drives_fast_lays_one_scan_a_second_on_the_submaps_of_others(stage):
-    scene = Scene(stage, *(f"r{number}" for number in range(2, 8)))
-    for step in range(12):
-        scene.scan((-1.0, -0.3, 0.4, 1.1)[step % 4], 0.24, y_m=0.2 * (step % 3))
-    assert scene.closures == 3
-
-
-def test_a_robot_that_comes_back_lays_its_scans_on_its_own_old_submaps(stage):
-    scene = Scene(stage, submap={"path_m": 0.5})
-    for x_m in (0.0, 0.6, 1.2, 0.6, 0.0):
-        scene.scan(x_m, 0.4)
-    counters = scene.counters()
-    assert counters["submaps"] == 5
-    assert counters["closures"] > 0
-    assert scene.told.drain() == [], "which concerns nobody else"
-
-
-def test_a_robot_that_maps_in_a_frame_of_its_own_goes_on_mapping_while_it_is_lost(stage):
-    scene = Scene(stage)
-    scene.host.board.lost = "it was carried"
-    scene.scan(0.0, 0.5)
-    assert scene.counters()["scans"] == 0
-    assert "it was carried" in scene.counters()["skip_reason"]
-    scene.scan(0.0, 0.5, trajectory=1, lost="it was carried")
-    assert scene.counters()["scans"] > 10
-    assert scene.host.board.frame != ARENA
-    assert scene.host.board.shared(OwnMap).local_map.reason == "it was carried"
-
-
-def test_scans_that_localisation_has_not_laid_on_the_map_are_passed_over(stage):
-    scene = Scene(stage)
-    scene.scan(0.0, 0.5, checked=())
-    counters = scene.counters()
-    assert (counters["scans"], counters["scans_skipped"]) == (0, 0)
-    now_ns = scene.one.clock.now_ns()
-    scene.scan(0.0, 0.5, checked=(now_ns + 40_000_000, now_ns + 100_000_000))
-    assert scene.counters()["scans"] == 2
-
-
-@pytest.mark.parametrize(("sigma_m", "is_mapped"), [(0.5, True), (0.501, False)])
-def test_scans_are_mapped_up_to_the_limit_that_was_set(stage, sigma_m, is_mapped):
-    one = stage()
-    host = one.host("mapper", mapper=GRID | {"sigma_max_m": 0.5})
-    host.board.shared(OwnMap).local_pose = LocalPose(IDENTITY, 0, NO_DRIFT, STAMP_MAX, True, sigma_m)
-    host.board.pose_covariance = tuple(np.eye(3).ravel().tolist())
-    one.run(0.2, lambda: one.stand_and_scan(square_from(0.0).tolist()))
-    assert (one.call("mapper", "counters")["scans"] > 0) == is_mapped
-    assert math.isclose(one.call("mapper", "known_area_m2"), 0.0) != is_mapped
 
 
 def _parts(patch):

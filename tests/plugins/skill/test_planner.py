@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robrain.plugins.skill.mapper.mapper import MapCells
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 
 RESOLUTION_M = 0.1
 GEOMETRY = GridGeometry(RESOLUTION_M, -1.0, -2.0, 60, 40)
@@ -44,23 +44,12 @@ def sampled(start, path):
             yield a.x_m + share * (b.x_m - a.x_m), a.y_m + share * (b.y_m - a.y_m)
 
 
-def length_m(start, path):
-    return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise([start, *path]))
-
-
 def clearance_m(one, path, start=START):
     """The least distance of a path from the middle of an occupied cell."""
     rows, columns = np.nonzero(one.classes == OCCUPIED)
     x_m = GEOMETRY.origin_x_m + (columns + 0.5) * RESOLUTION_M
     y_m = GEOMETRY.origin_y_m + (rows + 0.5) * RESOLUTION_M
     return min(float(np.hypot(x_m - x, y_m - y).min()) for x, y in sampled(start, path))
-
-
-def test_a_new_version_of_the_map_is_looked_at(planner):
-    assert planner.plan(view(1), START, GOAL, [])
-    changed = view(2)
-    draw(changed, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
-    assert planner.plan(changed, START, GOAL, []) is None
 
 
 @pytest.mark.slow
@@ -77,26 +66,6 @@ def test_no_path_ever_comes_closer_to_a_known_obstacle_than_the_robot_needs(stag
     if path is None:
         return
     assert clearance_m(one, path, start=path[0]) > NEEDED_M - 0.5 * RESOLUTION_M
-
-
-@pytest.mark.parametrize(("unknown", "is_straight"), [("free", True), ("dear", False)])
-def test_unknown_floor_may_be_driven_on_if_the_manifest_says_so(stage, unknown, is_straight):
-    """A strip of unknown floor lies across the way; around it, it is 1.3 m farther."""
-    one = view()
-    draw(one, 1.0, -1.0, 3.0, 1.0, UNKNOWN)
-    host = stage().host("planner", planner={"unknown": unknown, "unknown_cost": 10.0})
-    path = host.manager.get("planner").plugin.plan(one, START, GOAL, [])
-    assert (length_m(START, path) < 4.2) == is_straight
-
-
-def test_the_radius_is_that_of_the_driver(stage):
-    one = view()
-    draw(one, 1.9, -2.0, 2.1, 2.0, OCCUPIED)
-    draw(one, 1.9, -0.4, 2.1, 0.4, FREE)
-    for radius_m, has_way in ((0.2, True), (0.35, False)):
-        host = stage().host("planner", mocdevice={"radius_m": radius_m})
-        path = host.manager.get("planner").plugin.plan(one, START, GOAL, [])
-        assert (path is not None) == has_way
 
 
 def test_a_wall_that_turns_up_on_the_way_is_noticed_before_the_map_is_planned_on_again(planner):

@@ -101,18 +101,6 @@ def test_a_minute_at_24_w_takes_1440_j_out_of_the_battery(stage):
     assert one.call("bm2", "latest")["charge_c"] == pytest.approx(96.0)
 
 
-def test_a_battery_manager_that_is_loaded_anew_does_not_disturb_the_count(pack):
-    one = pack(soc_at_start=0.8)
-    one.run(60.0)
-    before = one.state()
-    one.stage.hosts[0].manager.reload("bm2")
-    after = one.run(20.0)
-    assert after["implausible"] == ""
-    assert after["soc"] == pytest.approx(before["soc"], abs=0.01)
-    drawn = one.stage.plugin("battery").drawn()
-    assert drawn.energy_j == pytest.approx(one.battery.delivered_j, rel=0.03)
-
-
 # -- what is left -----------------------------------------------------------------------------------------------
 
 
@@ -129,24 +117,9 @@ def test_what_is_left_travels_in_the_robots_state(pack):
 # -- a battery that lies ----------------------------------------------------------------------------------------
 
 
-class Drift:
-    """Voltage and current leave the truth slowly, and against each other."""
-
-    def __init__(self):
-        self.steps = 0
-
-    def __call__(self, volts, amperes, celsius):
-        self.steps += 1
-        return volts - min(0.8, 0.03 * self.steps), amperes - min(3.0, 0.1 * self.steps), celsius
-
-
 LIES = {
     "out of range": lambda volts, amperes, celsius: (2.0, amperes, celsius),
-    "31.00 A": lambda volts, amperes, celsius: (volts, 31.0, celsius),
     "jumped": lambda volts, amperes, celsius: (volts - 1.0, amperes, celsius),
-    "frozen": lambda volts, amperes, celsius: (15.5, 0.7, celsius),
-    "the computer runs": lambda volts, amperes, celsius: (volts, 0.0, celsius),
-    "contradicts": Drift(),
     "no measurement": lambda volts, amperes, celsius: None,
 }
 
@@ -276,15 +249,6 @@ def test_count_that_began_anew_is_made_up_from_the_measurement(robot):
     assert robot.it.drawn().energy_j == 21.0
 
 
-def test_clock_that_goes_back_counts_nothing(robot):
-    robot.measure(at_s=2.0)
-    robot.measure(at_s=1.0, charge_c=9.0, energy_j=99.0)
-    assert len(robot.believed.given) == 1
-    robot.measure(at_s=1.5, charge_c=10.0, energy_j=100.0)
-    assert robot.believed.given[1:] == [("follow", (TrackedReading(15.0, 1.0, 21.5), 1.0, 0.5, NOTHING_MORE))]
-    assert robot.it.drawn().energy_j == 1.0
-
-
 def test_silence_is_told_since_the_last_measurement_and_since_the_last_step(robot):
     robot.measure(at_s=1.0)
     robot.step(0.5)
@@ -294,16 +258,6 @@ def test_silence_is_told_since_the_last_measurement_and_since_the_last_step(robo
     robot.measure(at_s=2.0)
     robot.step(0.125)
     assert robot.believed.given[-1] == ("nothing", (0.125, 0.125))
-
-
-def test_state_is_told_in_no_more_digits_than_are_known(robot):
-    state = robot.measure(14.321, 1.5)
-    assert (state.voltage_v, state.current_a, state.temperature_c) == (14.321, 1.5, 21.5)
-    assert (state.remaining_j, state.remaining_low_j, state.remaining_high_j) == (1000.0, 900.1, 1100.0)
-    assert (state.soc, state.soc_sd, state.health) == (0.5, 0.01235, 0.9346)
-    assert robot.it.state() is state
-    robot.believed.soc = 0.4567891
-    assert robot.measure(at_s=1.0).soc == 0.45679
 
 
 @pytest.mark.parametrize(
@@ -349,11 +303,6 @@ def test_cut_off_is_told_by_the_charge_or_by_a_voltage_that_is_believed(robot):
     assert at(robot, 0.5) == []
     assert at(robot, 0.5, 11.0, "it lies") == ["implausible"]
     assert at(robot, 0.5, 11.0) == ["cut_off"]
-
-
-def test_voltage_below_the_cut_off_is_told_once_while_it_lasts_whatever_the_charge(robot):
-    assert at(robot, 0.9, 11.0) == ["cut_off"]
-    assert at(robot, 0.9, 11.0) == []
 
 
 def test_doubt_is_told_once_for_each_time(robot):

@@ -1,10 +1,4 @@
-import itertools
-import math
-
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
@@ -33,16 +27,6 @@ def stands(one):
     return one.call("driver", "motion") == Motion.STOPPED
 
 
-def off_path_m(pose, corners):
-    """Distance of a pose from a line through these corners."""
-    best = math.inf
-    for (ax, ay), (bx, by) in itertools.pairwise(corners):
-        length = math.hypot(bx - ax, by - ay)
-        share = max(0.0, min(1.0, ((pose.x_m - ax) * (bx - ax) + (pose.y_m - ay) * (by - ay)) / length**2))
-        best = min(best, math.hypot(pose.x_m - ax - share * (bx - ax), pose.y_m - ay - share * (by - ay)))
-    return best
-
-
 @pytest.mark.parametrize("yaw_rad", [0.0, 2.0, -3.0])
 def test_a_robot_arrives_at_the_end_of_its_path_within_a_tenth_of_a_metre(stage, room, yaw_rad):
     one, host = begun(stage, room(6.0, 4.0), Pose2D(1.0, 1.0, yaw_rad))
@@ -51,32 +35,6 @@ def test_a_robot_arrives_at_the_end_of_its_path_within_a_tenth_of_a_metre(stage,
     one.run(0.5)
     assert one.truth().pose.distance_m(Point2D(4.5, 3.0)) < 0.1
     assert one.truth().collisions == 0
-
-
-def test_on_the_way_it_keeps_to_the_path(stage, room):
-    one, host = begun(stage, room(6.0, 4.0), Pose2D(1.0, 1.0, 0.0))
-    corners = [(1.0, 1.0), (4.5, 1.0), (4.5, 3.0), (2.0, 3.0)]
-    drive(host, *corners[1:])
-    aside_m = []
-    one.run(20.0, lambda: aside_m.append(off_path_m(one.truth().pose, corners)))
-    assert one.truth().pose.distance_m(Point2D(2.0, 3.0)) < 0.1
-    # Corners are rounded off by up to a quarter of a metre.
-    assert max(aside_m) < 0.25
-    assert np.median(aside_m) < 0.1
-
-
-@pytest.mark.slow
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.floats(0.6, 5.4), st.floats(0.6, 3.4)), min_size=1, max_size=3))
-def test_whatever_the_path_its_end_is_reached_without_touching_a_wall(stage, room, places):
-    one, host = begun(stage, room(6.0, 4.0), Pose2D(3.0, 2.0, 0.0))
-    drive(host, *places)
-    one.run_until(lambda: stands(one), 60.0)
-    one.run(0.5)
-    assert one.truth().pose.distance_m(Point2D(*places[-1])) < 0.1
-    assert one.truth().collisions == 0
-    one.hosts.remove(host)
-    host.close()
 
 
 def test_a_wall_across_the_path_is_stopped_at_and_not_touched(stage, room):
@@ -156,18 +114,6 @@ def test_of_the_turn_in_which_the_lidar_froze_no_map_is_made_and_when_it_speaks_
 # -- what the lidar does not see --------------------------------------------------------------------------------
 
 
-def test_what_only_the_range_sensors_hear_is_stopped_at(stage, room):
-    one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
-    one.host("driver")
-    see_through(one, 3.0)
-    one.run(0.4)
-    one.call("driver", "drive", 4.0)
-    one.run(6.0)
-    assert one.call("driver", "blocked_reason") == "an obstacle has blocked the path"
-    assert one.truth().collisions == 0
-    assert 0.03 < 3.0 - 0.2 - one.truth().pose.x_m < 0.25
-
-
 def test_what_nothing_sees_is_bumped_into_once_and_not_pressed_against(stage, room):
     one = stage(room(6.0, 4.0, (3.0, 0.0, 3.1, 4.0)), r1=Pose2D(1.0, 2.0, 0.0))
     one.told = one.inbox(ROBOT_EVENT, robot="r1", plugin="range_sensors")
@@ -194,6 +140,3 @@ def see_through(one, from_x_m):
     column = round(from_x_m / 0.05)
     walls[2:-2, column : column + 2] = False
     robot.lidar._walls = walls
-
-
-# -- going to a pose --------------------------------------------------------------------------------------------

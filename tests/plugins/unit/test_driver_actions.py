@@ -1,6 +1,5 @@
 """The driver's long actions."""
 
-import itertools
 import math
 
 import pytest
@@ -57,33 +56,6 @@ def test_drive_goes_straight_ahead_or_back_without_turning(robot, distance_m):
     assert robot.call("driver", "motion") == Motion.STOPPED
 
 
-def test_progress_leaves_the_robot_at_most_twice_a_second_and_grows(robot):
-    robot.call("driver", "drive", 3.0)
-    stamped = []
-    robot.run(8.0, lambda: stamped.extend(robot.events.drain()))
-    progress = [received.message for received in stamped if received.message.event == "progress"]
-    shares = [message.value["share"] for message in progress]
-    assert len(shares) >= 6
-    assert shares == sorted(shares)
-    assert 0.0 < shares[0] < 0.5 < shares[-1] <= 1.0
-    gaps_ns = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(progress)]
-    assert min(gaps_ns) >= 500_000_000
-
-
-@pytest.mark.parametrize("start", [("drive", 3.0), ("turn", 6.0)])
-def test_a_cancelled_action_stands_still(robot, start):
-    action = robot.call("driver", *start)
-    robot.run(1.0)
-    assert robot.call("driver", "cancel", "drive-99") is False
-    assert robot.call("driver", "cancel", action) is True
-    assert end_of(robot, action) == ("cancelled", "it was cancelled")
-    robot.run(1.0)
-    before = robot.truth().pose
-    robot.run(1.0)
-    assert robot.truth().pose == before
-    assert robot.call("driver", "cancel", action) is False
-
-
 @pytest.mark.parametrize(
     ("end", "outcome", "why"),
     [
@@ -134,6 +106,3 @@ def test_an_action_that_a_call_begins_while_a_halt_comes_does_not_go_on_when_the
     robot.run(2.0)
     assert robot.truth().pose == before
     assert end_of(robot, action, 0.1) == ("cancelled", "emergency halt")
-
-
-FAR = 1e308

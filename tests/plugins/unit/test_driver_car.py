@@ -1,6 +1,5 @@
 """The driver on a base that cannot turn on the spot: it drives arcs to and fro, never tighter than it can steer."""
 
-import itertools
 import math
 
 import pytest
@@ -68,42 +67,6 @@ def test_it_parks_at_a_pose(robot: BareDriver, goal: tuple[float, float, float])
     at = robot.wheels.at
     assert at.distance_m(Point2D(goal[0], goal[1])) < PARKED_M + 0.02
     assert math.remainder(at.yaw_rad - goal[2], math.tau) == pytest.approx(0.0, abs=PARKED_RAD + 0.02)
-
-
-STEP_M_S = 0.8 * 0.06 + 0.03
-"""Change of speed in a period that the driver's limits allow, with some slack."""
-
-
-def jumps(said: list[Twist2D]) -> list[float]:
-    """Changes of speed between periods; braking to a stop by the wheels themselves is none."""
-    return [abs(after.forward_m_s - before.forward_m_s) for before, after in itertools.pairwise(said)]
-
-
-@pytest.mark.parametrize("bearing_rad", [0.2, 0.8, 1.4, 2.0, 3.0])
-@pytest.mark.parametrize("distance_m", [0.3, 1.0, 3.0])
-def test_speed_changes_smoothly_from_arcs_to_the_path(robot: BareDriver, bearing_rad: float, distance_m: float) -> None:
-    robot.plugin.drive_path([Point2D(distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad))])
-    assert max(jumps(run(robot))) < STEP_M_S
-
-
-def test_speed_changes_smoothly_where_a_turn_changes_its_direction(robot: BareDriver) -> None:
-    robot.plugin.turn(math.pi)
-    assert max(jumps(run(robot))[:-1]) < STEP_M_S
-
-
-@pytest.mark.parametrize("target", [Point2D(0.0, 3.0), Point2D(-5.0, 1.0)])
-def test_after_backing_away_it_does_not_dash_forwards(robot: BareDriver, target: Point2D) -> None:
-    robot.plugin.follow([Point2D(4.0, 0.0)])
-    robot.step(20)
-    robot.plugin.drive(-2.0)
-    robot.step(30)
-    robot.commands()
-    speed_m_s = robot.wheels.twist.forward_m_s
-    assert speed_m_s < -0.3
-    robot.plugin.follow([Point2D(robot.wheels.at.x_m + target.x_m, target.y_m)])
-    robot.step(8)
-    after = [one.forward_m_s for one in robot.commands() if isinstance(one, Twist2D)]
-    assert max(abs(new - old) for old, new in itertools.pairwise([speed_m_s, *after])) < STEP_M_S
 
 
 @pytest.mark.parametrize("bend_rad", [0.0, 0.3, 0.6, 1.0, 1.5])

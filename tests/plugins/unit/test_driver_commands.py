@@ -7,7 +7,6 @@ import pytest
 
 from robrain.plugins.unit.driver.driver import PERIOD_S
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.plugins.unit.driver.path import CORNER_M
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.action_messages import Outcome
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -51,15 +50,6 @@ def test_command_in_the_body_frame_goes_towards_the_point_in_odom(robot, yaw_rad
     goes_rad = middle_rad + math.atan2(twist.left_m_s, twist.forward_m_s)
     assert math.remainder(goes_rad - bearing_rad, math.tau) == pytest.approx(0.0, abs=1e-9)
     assert math.hypot(twist.forward_m_s, twist.left_m_s) == pytest.approx(4.0 * PERIOD_S**2)
-
-
-@pytest.mark.parametrize(("yaw_rad", "sign"), [(0.0, 0), (0.5, -1), (-0.5, 1), (3.0, -1), (-3.0, 1)])
-def test_robot_on_a_path_turns_the_short_way_to_where_it_goes(robot, yaw_rad, sign):
-    robot.wheels.at = Pose2D(0.0, 0.0, yaw_rad)
-    robot.plugin.follow([Point2D(5.0, 0.0)])
-    robot.step(3)
-    turns = robot.wheels.twist.yaw_rad_s
-    assert turns == pytest.approx(0.0, abs=1e-9) if sign == 0 else math.copysign(1.0, turns) == sign
 
 
 @pytest.mark.parametrize(("distance_m", "yaw_rad"), [(1.0, 0.7), (-0.6, 0.7), (0.0, 0.0), (1.0, -2.5)])
@@ -111,17 +101,6 @@ def test_go_to_arrives_and_looks_where_it_should(robot):
     assert ended(robot) == (Outcome.DONE, "")
 
 
-def test_path_is_driven_along_all_its_points_and_its_last_is_told(robot):
-    robot.plugin.drive_path([Point2D(1.0, 0.0), Point2D(1.0, 1.0)])
-    near_m = []
-    while robot.plugin.motion() is Motion.DRIVING:
-        robot.step()
-        near_m.append(robot.wheels.at.distance_m(Point2D(1.0, 0.0)))
-    assert min(near_m) < CORNER_M
-    assert robot.wheels.at.distance_m(Point2D(1.0, 1.0)) < 0.08
-    assert robot.arrivals == [Point2D(1.0, 1.0)]
-
-
 @pytest.mark.parametrize(("asked_m_s", "limit_m_s"), [(0.2, 0.2), (5.0, 0.6), (math.inf, 0.6)])
 def test_path_is_driven_no_faster_than_asked_and_no_faster_than_the_robot_may(robot, asked_m_s, limit_m_s):
     robot.plugin.follow([Point2D(9.0, 0.0)], asked_m_s)
@@ -135,62 +114,6 @@ def test_path_is_driven_no_faster_than_asked_and_no_faster_than_the_robot_may(ro
 
 
 # -- actions ----------------------------------------------------------------------------------------------------
-
-
-def test_progress_is_the_share_of_the_way_and_of_the_turn_that_is_done(robot):
-    robot.plugin.drive_path([Point2D(1.0, 0.0), Point2D(1.0, 1.0)])
-    robot.step(20)
-    left_m = robot.wheels.at.distance_m(Point2D(1.0, 0.0)) + 1.0
-    assert robot.shares[-1].share == pytest.approx(1.0 - left_m / 2.0, abs=0.1)
-    robot.plugin.turn(-4.0)
-    robot.shares.clear()
-    robot.step(20)
-    assert robot.shares[-1].share == pytest.approx(0.4, abs=0.25)
-    assert 0.0 < robot.shares[0].share < robot.shares[-1].share
-
-
-@pytest.mark.parametrize("start", ["drive", "turn", "drive_path", "go_to", "follow"])
-def test_first_command_after_a_standstill_does_not_wait_for_the_period(robot, start):
-    begin = {
-        "drive": lambda: robot.plugin.drive(1.0),
-        "turn": lambda: robot.plugin.turn(1.0),
-        "drive_path": lambda: robot.plugin.drive_path([Point2D(1.0, 0.0)]),
-        "go_to": lambda: robot.plugin.go_to(1.0, 0.0, 0.0),
-        "follow": lambda: robot.plugin.follow([Point2D(1.0, 0.0)]),
-    }[start]
-    begin()
-    assert robot.hurries == 1
-    assert robot.plugin.motion() is Motion.DRIVING
-    robot.step()
-    if start == "follow":
-        begin()  # it drives already
-        assert robot.hurries == 1
-
-
-@pytest.mark.parametrize("next_one", ["follow", "turn", "drive"])
-def test_what_comes_next_takes_the_place_of_a_turn_and_of_a_path(robot, next_one):
-    for start in (lambda: robot.plugin.turn(6.0), lambda: robot.plugin.drive(5.0)):
-        robot.ends.clear()
-        start()
-        robot.step(5)
-        before = robot.wheels.at
-        if next_one == "follow":
-            robot.plugin.follow([Point2D(before.x_m, before.y_m)])
-        elif next_one == "turn":
-            robot.plugin.turn(0.0)
-        else:
-            robot.plugin.drive(0.0)
-        run(robot, 100)
-        assert robot.ends[0].outcome is Outcome.SUPERSEDED
-        assert robot.wheels.at.distance_m(Point2D(before.x_m, before.y_m)) < 0.1
-
-
-def test_path_that_is_followed_after_an_action_does_not_end_as_that_one(robot):
-    robot.plugin.drive(5.0)
-    robot.plugin.follow([Point2D(0.3, 0.0)])
-    run(robot)
-    assert ended(robot) == (Outcome.SUPERSEDED, "superseded by explore")
-    assert robot.wheels.at.x_m == pytest.approx(0.3, abs=0.08)
 
 
 def test_turn_stops_what_was_driven_at_once_whoever_drove(robot):
@@ -230,10 +153,3 @@ def test_invalid_number_to_drive_by_is_refused_and_changes_nothing(robot, functi
     robot.step()
     assert robot.ends == []
     assert plugin.cancel(action) is True
-
-
-def test_driver_that_was_never_asked_for_anything_stands_and_is_not_blocked(robot):
-    robot.step(3)
-    plugin = robot.plugin
-    assert (plugin.motion(), plugin.blocked_s(), plugin.blocked_reason()) == (Motion.STOPPED, 0.0, "")
-    assert robot.commands() == []

@@ -324,19 +324,3 @@ def test_action_fails_when_its_way_has_been_blocked_for_longer_than_the_patience
     ]
     assert (robot.plugin.motion(), robot.plugin.blocked_s()) == (Motion.STOPPED, 0.0)
     assert robot.commands()[-1] == "stop"
-
-
-def test_patience_begins_again_when_the_way_was_free_meanwhile():
-    robot = BareDriver(patience_s=1.2)
-    robot.plugin.activate()
-    robot.plugin.drive(3.0)
-    for _ in range(3):
-        robot.wheels.fresh = False
-        robot.step(15)
-        robot.wheels.fresh = True
-        robot.step()
-        assert robot.plugin.blocked_s() == 0.0
-    assert robot.ends == []
-
-
-# -- parameters ---------------------------------------------------------------------------------------------------

@@ -86,16 +86,6 @@ def test_hand_that_wants_nothing_leaves_what_runs_alone(robot):
     assert robot.wheels.at.yaw_rad == pytest.approx(1.0, abs=0.01)
 
 
-def test_action_that_is_begun_while_a_hand_drives_waits_for_it_and_is_told_as_done(robot):
-    robot.hand(0.0, 0.3, 0.0)
-    action = robot.plugin.drive_path([Point2D(1.0, 0.0)])
-    robot.step(5)
-    assert robot.wheels.at.y_m > 0.0
-    robot.step(120)
-    assert [(end.action, end.outcome) for end in robot.ends] == [(action, Outcome.DONE)]
-    assert robot.wheels.at.distance_m(Point2D(1.0, 0.0)) < 0.08
-
-
 def test_path_that_waits_for_the_hand_is_driven_when_it_ends_and_one_that_was_taken_back_is_not(robot):
     robot.hand(0.0, 0.3, 0.0)
     robot.plugin.follow([Point2D(5.0, 0.0)])
@@ -199,13 +189,6 @@ def test_holder_has_a_name_that_can_be_one(robot, by):
     with pytest.raises(CallError) as refusal:
         robot.plugin.acquire_hand_lease(by)
     assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
-
-
-def test_ramps_are_no_faster_for_one_that_asks_more_often(robot):
-    lease = robot.plugin.acquire_hand_lease("ann").lease
-    for _ in range(30):
-        robot.plugin.move(0.3, 0.0, 0.0, lease)
-    assert robot.hurries == 1  # each hurry is a step
 
 
 def refused(robot, lease):

@@ -14,16 +14,6 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 AT = Pose2D(0.0, 0.0, 0.0)
 
 
-def test_corner_is_passed_within_its_distance_and_the_goal_never():
-    path = Path([Point2D(CORNER_M, 0.0), Point2D(1.0, 0.0)], 0.08)
-    path.pass_points(AT)
-    assert path.target == Point2D(CORNER_M, 0.0)
-    path.pass_points(Pose2D(0.001, 0.0, 0.0))
-    assert path.target == path.goal == Point2D(1.0, 0.0)
-    path.pass_points(Pose2D(1.0, 0.0, 0.0))
-    assert path.target == Point2D(1.0, 0.0)
-
-
 def test_goal_is_reached_only_when_no_corner_is_left_and_it_is_near_enough():
     path = Path([Point2D(1.0, 0.0), Point2D(0.0, 0.0)], 0.08)
     assert not path.is_at_goal(AT)
@@ -38,17 +28,6 @@ def test_goal_is_reached_only_when_no_corner_is_left_and_it_is_near_enough():
     assert not looking.is_done(Pose2D(1.0, 0.0, 1.0))
 
 
-def test_way_that_is_left_is_that_to_the_next_point_and_between_the_others():
-    path = Path([Point2D(3.0, 4.0), Point2D(3.0, 5.0), Point2D(0.0, 9.0)], 0.08)
-    assert path.remaining_m(AT) == pytest.approx(5.0 + 1.0 + 5.0)
-
-
-def test_path_is_looked_along_unless_a_direction_is_given():
-    assert Path([Point2D(1.0, 0.0)], 0.08).to_turn_rad(Pose2D(0.0, 0.0, 2.0), 0.3) == 0.3
-    looking = Path([Point2D(1.0, 0.0)], 0.08, -3.0)
-    assert looking.to_turn_rad(Pose2D(0.0, 0.0, 3.0), 0.3) == pytest.approx(math.tau - 6.0)
-
-
 @pytest.mark.parametrize("degrees", [30.0, 90.0, -135.0, 180.0])
 def test_corner_is_as_fast_as_its_angle_allows(degrees):
     turn_rad = math.radians(degrees)
@@ -59,31 +38,6 @@ def test_corner_is_as_fast_as_its_angle_allows(degrees):
     # Already at the corner, nothing is left to slow down in.
     at_corner = Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(Pose2D(0.4, 0.0, 0.0), 0.8, 0.0, 0.08)
     assert at_corner == pytest.approx(through_m_s)
-
-
-@pytest.mark.parametrize("turned_rad", [0.7, 2.5, -2.0])
-def test_corner_is_as_fast_wherever_it_lies_and_however_it_is_turned(turned_rad):
-    points = [(0.6, 0.3), (1.1, -0.2), (1.0, 0.4), (-3.0, 0.1)]
-    moved = Pose2D(3.0, -2.0, turned_rad)
-    there = [moved.compose(Pose2D(x, y, 0.0)) for x, y in points]
-    here = Path([Point2D(x, y) for x, y in points], 0.08)
-    away = Path([Point2D(pose.x_m, pose.y_m) for pose in there], 0.08)
-    for ahead_m in (0.0, 0.1):
-        expected_m_s = here.speed_m_s(AT, 0.8, ahead_m, 0.08)
-        assert away.speed_m_s(moved, 0.8, ahead_m, 0.08) == pytest.approx(expected_m_s)
-    assert away.remaining_m(moved) == pytest.approx(here.remaining_m(AT))
-
-
-def test_slowest_of_several_corners_counts_and_the_way_between_them():
-    points = [Point2D(0.5, 0.0), Point2D(0.5, 0.4), Point2D(-8.0, 0.4 - 1e-6)]
-    through_m_s = math.sqrt(0.8 * CORNER_M / math.sin(math.radians(45.0)))
-    first_m_s = through_m_s + speed_to_stop(0.5 - CORNER_M, 0.8, 0.08)
-    assert Path(points, 0.08).speed_m_s(AT, 0.8, 0.0, 0.08) == pytest.approx(first_m_s)
-    back = [Point2D(0.5, 1e-9), Point2D(0.9, 0.0), Point2D(0.0, 0.0)]
-    through_m_s = math.sqrt(0.8 * CORNER_M)
-    assert Path(back, 0.08).speed_m_s(AT, 0.8, 0.0, 0.08) == pytest.approx(
-        through_m_s + speed_to_stop(0.9 - CORNER_M, 0.8, 0.08)
-    )
 
 
 # -- ramps ------------------------------------------------------------------------------------------------------
@@ -100,16 +54,6 @@ def test_ramp_that_brakes_keeps_its_direction_ends_at_rest_and_forgets_its_accel
     for _ in range(20):
         ramp.brake(1.2)
     assert (ramp.x, ramp.y, ramp.speed) == (0.0, 0.0, 0.0)
-
-
-def test_ramp_that_stands_starts_as_smoothly_as_the_first_time():
-    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
-    for _ in range(4):
-        ramp.follow(1.0, -1.0)
-    ramp.stop()
-    assert ramp.speed == 0.0
-    ramp.follow(1.0, 0.0)
-    assert (ramp.x, ramp.y) == pytest.approx((4.0 * PERIOD_S**2, 0.0))
 
 
 CYCLE_S = 0.06
@@ -161,25 +105,6 @@ def test_who_drives_as_fast_as_the_distance_allows_stops_within_it(distance_m):
         ramp.follow(speed, 0.0)
         left_m -= CYCLE_S * ramp.x
     assert -0.01 < left_m < 0.005
-
-
-@given(st.floats(0.01, 3.0))
-def test_the_speed_to_stop_needs_just_the_distance(distance_m):
-    speed = speed_to_stop(distance_m, 0.8, 0.1)
-    assert 0.1 * speed + speed**2 / (2 * 0.8) == pytest.approx(distance_m)
-    assert speed_to_stop(-distance_m, 0.8, 0.1) == 0.0
-
-
-def test_a_ramp_stops_within_what_it_says():
-    ramp = Ramp(LIMITS, CYCLE_S)
-    for _ in range(60):
-        ramp.follow(0.36, 0.48)
-    said, way = ramp.stopping(0.0), 0.0
-    while ramp.speed > 0.0:
-        way += 0.5 * CYCLE_S * ramp.speed
-        ramp.follow(0.0, 0.0)
-        way += 0.5 * CYCLE_S * ramp.speed
-    assert way == pytest.approx(said, rel=0.1)
 
 
 def velocities(one, seconds):

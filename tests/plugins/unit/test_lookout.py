@@ -17,7 +17,6 @@ from robrain.plugins.unit.obstacle_distance import (
     FROZEN_RAD,
     RING_FRESH_NS,
     SCAN_FRESH_NS,
-    SQUEEZED_GAP_M,
     LidarMonitor,
     Lookout,
     ObstaclePoints,
@@ -72,33 +71,6 @@ def test_nearer_one_of_lidar_and_range_sensor_counts():
     assert senses.lookout.free_m(HERE, AHEAD_RAD) == pytest.approx(0.2 - STOP_M)
 
 
-def test_squeezing_robot_keeps_a_small_gap_to_what_is_ahead():
-    senses = Senses()
-    senses.see((0.0, 0.5))
-    found = senses.lookout.passage(HERE, AHEAD_RAD)
-    # A single point counts where it overlaps the hull's track by more than the lidar's noise.
-    assert found.free_m == pytest.approx(0.5 - (RADIUS_M - SURE_M) - SQUEEZED_GAP_M)
-    senses.hear(0.1)
-    assert senses.lookout.passage(HERE, AHEAD_RAD).free_m == pytest.approx(0.1 - SQUEEZED_GAP_M)
-
-
-def test_squeezing_robot_minds_a_range_sensor_only_straight_ahead():
-    senses = Senses()
-    senses.see((0.3, 6.0))
-    senses.hear(0.0, angle_rad=math.asin(0.6))  # 0.12 m aside: within the hull's track, and no nearer to its middle
-    assert senses.lookout.passage(HERE, AHEAD_RAD).free_m == math.inf
-    senses.hear(0.0, angle_rad=math.asin(0.4), now_ns=2)
-    assert senses.lookout.passage(HERE, AHEAD_RAD).free_m < 0.1
-
-
-def test_room_on_either_side_is_told_while_the_way_ahead_is_touched():
-    senses = Senses(pressed_rad=(0.0,))
-    beside = [(side * math.atan2(0.25, ahead_m), math.hypot(0.25, ahead_m)) for side in (1, -1) for ahead_m in (0, 0.1)]
-    senses.see(*beside, (math.pi / 2, 0.25), (-math.pi / 2, 0.25))
-    found = senses.lookout.passage(HERE, AHEAD_RAD)
-    assert found == pytest.approx((0.0, 0.25, 0.25))
-
-
 @pytest.mark.parametrize("touched_rad", [0.0, 2.0, -3.0])
 def test_robot_goes_nowhere_near_a_touched_direction_until_it_is_released(touched_rad):
     senses = Senses()
@@ -113,13 +85,6 @@ def test_robot_goes_nowhere_near_a_touched_direction_until_it_is_released(touche
         assert senses.lookout.hold_off(HERE, velocity_m_s, 0.01, 1.5) == (velocity_m_s if is_free else (0.0, 0.0))
     senses.lookout.feel(Bump(2, ()))
     assert senses.lookout.free_m(HERE, AHEAD_RAD + touched_rad) == math.inf
-
-
-def test_robot_that_stands_at_a_wall_is_pushed_off_although_it_is_touched():
-    senses = Senses(pressed_rad=(0.0, -math.pi / 2))
-    senses.see((0.0, 0.205))
-    x_m_s, y_m_s = senses.lookout.hold_off(HERE, (0.0, 0.0), 0.01, 1.5)
-    assert (x_m_s, y_m_s) == pytest.approx((0.0, -1.5 * 0.005))
 
 
 def test_lidar_that_is_frozen_is_doubted_and_one_that_is_silent_blinds():
@@ -293,42 +258,12 @@ def test_before_any_sensor_has_spoken_nothing_is_known(robot):
     assert view == {"distances_m": [None] * 12, "sees": [], "nearest_m": None, "nearest_rad": None, "touched_rad": []}
 
 
-def test_what_the_lidar_sees_is_in_its_direction_from_the_hull(robot):
-    robot.scan(scan_with(90, 1.0))
-    robot.run(0.1)
-    view = robot.call("obstacle_distance", "view", 4)
-    assert view["distances_m"] == [None, 0.8, None, None]
-    assert (view["nearest_m"], view["sees"]) == (0.8, ["scan"])
-    assert view["nearest_rad"] == pytest.approx(math.pi / 2)
-
-
 def test_of_two_sensors_the_nearer_counts(robot):
     robot.scan(scan_with(0, 1.0))
     robot.ring(0.4, 2.55, 2.55, 0.9, 2.55, 2.55)
     robot.run(0.1)
     view = robot.call("obstacle_distance", "view", 6)
     assert view["distances_m"] == [0.4, None, None, 0.9, None, None]
-    assert view["sees"] == ["scan", "range_sensors"]
-
-
-def test_a_sensor_that_is_not_fresh_is_left_out_and_not_named(robot):
-    robot.scan(scan_with(0, 1.0))
-    robot.ring(0.4, *[2.55] * 5)
-    robot.run(0.45)
-    assert robot.call("obstacle_distance", "view")["sees"] == ["scan"]
-    assert robot.call("obstacle_distance", "view")["nearest_m"] == 0.8
-    robot.run(0.3)
-    assert robot.call("obstacle_distance", "view")["sees"] == []
-    assert robot.call("obstacle_distance", "view")["nearest_m"] is None
-
-
-def test_in_the_arena_the_nearest_wall_is_found(stage, room):
-    one = stage(room(4.0, 4.0), r1=Pose2D(3.0, 2.0, math.pi / 2))
-    one.host("obstacle_distance")
-    one.run(1.0)
-    view = one.call("obstacle_distance", "view", 8)
-    assert view["nearest_m"] == pytest.approx(0.7, abs=0.05)  # the wall's inside at 3.9 m, to the right
-    assert view["nearest_rad"] == pytest.approx(-math.pi / 2)
     assert view["sees"] == ["scan", "range_sensors"]
 
 

@@ -1,9 +1,8 @@
 """What a robot makes of the packets that its base station hears, and what it says to the motes."""
 
-import msgspec
 import pytest
 
-from robrain.plugins.unit.snw_exploration.asking import DUTY_TRIES, FRESH_NS, WAIT_NS, OverHops
+from robrain.plugins.unit.snw_exploration.asking import FRESH_NS, WAIT_NS, OverHops
 from robrain.plugins.unit.snw_exploration.mote_record import FORWARD_NS, MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
@@ -119,39 +118,7 @@ def test_a_reading_goes_on_the_wire_once_however_often_it_is_heard(talk):
     assert one.counters()["repeated"] == 2
 
 
-def test_what_another_robot_has_brought_in_is_not_brought_in_again(talk):
-    one = talk()
-    theirs = one.one.publisher(MOTE_READING, mote="m3")
-    reading = MoteReading(
-        mote="m3", place=None, quantity="temperature_c", value=1.0, voltage_v=3.0, rssi_dbm=-80, via="r2", sequence=5
-    )
-    theirs.put(reading)
-    said = one.hear(packet(6, oldest=5), packet(5, kind=STORED_TYPE))
-    assert [(reading.via, reading.sequence) for reading in one.readings()] == [("r2", 5), ("r1", 6)]
-    assert asked(said) == []
-
-
-def test_a_mote_that_starts_anew_is_believed(talk):
-    one = talk()
-    one.hear(packet(5000), packet(0), packet(1))
-    assert [reading.sequence for reading in one.readings()] == [5000, 0, 1]
-    assert one.row()["missing"] == 0
-
-
 # -- the table ------------------------------------------------------------------------------------------------
-
-
-def test_the_robot_tells_which_motes_it_has_heard(talk):
-    one = talk(collect=False)
-    one.hear(DARK, packet(1, rssi_dbm=-60), packet(4, rssi_dbm=-70, oldest=1, value_centi=-500))
-    rows = one.one.call("snw_exploration", "motes")
-    assert [row["mote"] for row in rows] == ["m3", "m7"]
-    row = rows[0]
-    assert (row["rssi_dbm"], row["mean_rssi_dbm"]) == (-70, -65)
-    assert (row["readings"], row["missing"], row["last_value"], row["period_s"]) == (2, 2, -5.0, 4.0)
-    assert row["place"] == {"x_m": 5.0, "y_m": -2.0}
-    assert row["received_at"] is None
-    assert 0 < row["stamp_ns"] <= one.one.clock.now_ns()
 
 
 def test_a_packet_that_says_to_be_a_reading_and_is_none_is_counted(talk):
@@ -200,49 +167,6 @@ def test_a_visit_collects_everything_that_was_missed_and_then_lets_the_mote_forg
     assert one.row()["missing"] == 0
 
 
-def test_an_answer_that_was_lost_is_asked_for_again(talk):
-    one = talk(request_patience_s=1.0)
-    said = one.hear(packet(20, oldest=15), *(packet(number, kind=STORED_TYPE, oldest=15) for number in (15, 17)))
-    assert asked(said) == [[15, 16, 17, 18, 19]]
-    one.one.run(1.0)
-    assert asked(one.hear(packet(21, oldest=15))) == [[16, 18, 19]]
-
-
-def test_what_an_answer_lacks_is_asked_for_at_once_while_the_mote_still_listens(talk):
-    said = talk().hear(packet(20, oldest=15), *(packet(number, kind=STORED_TYPE, oldest=15) for number in (15, 17, 19)))
-    assert asked(said) == [[15, 16, 17, 18, 19], [16, 18]]
-
-
-def test_on_a_weak_link_more_is_asked_for_at_once_and_each_request_is_said_three_times(talk):
-    said = talk().hear(packet(40, oldest=0, rssi_dbm=-88))
-    assert asked(said) == [list(range(32))] * 3
-
-
-def test_a_mote_that_falls_silent_is_asked_again_as_long_as_it_may_listen(talk):
-    one = talk()
-    one.hear(packet(20, oldest=15))
-    one.one.run(0.4)
-    assert one.counters()["requests"] in (3, 4)  # after 0.12 s each, for 0.2 s and the five packets that it owes
-    one.one.run(20.0)
-    assert one.counters()["requests"] in (3, 4)
-
-
-def test_a_weakly_heard_mote_that_was_not_heard_at_its_time_is_asked_all_the_same_until_it_is_out_of_reach(talk):
-    one = talk(weak_copies=1)
-    one.hear(packet(20, oldest=15, rssi_dbm=-88))
-    one.one.run(2.5)
-    before = one.counters()["requests"]
-    one.one.run(1.0)
-    assert one.counters()["requests"] == before
-    one.one.run(1.5)  # its period is 4 s
-    about_its_time = one.counters()["requests"]
-    assert 5 <= about_its_time - before <= 10
-    one.one.run(30.0)
-    after_six_periods = one.counters()["requests"]
-    one.one.run(30.0)
-    assert one.counters()["requests"] == after_six_periods > about_its_time
-
-
 def test_no_more_than_three_motes_are_asked_unheard(talk):
     one = talk(weak_copies=1)
     one.hear(*(packet(20, mote=mote, oldest=15, rssi_dbm=-88) for mote in range(1, 9)))
@@ -253,19 +177,6 @@ def test_no_more_than_three_motes_are_asked_unheard(talk):
     assert len(sought) == 3
 
 
-def test_without_collecting_only_those_are_asked_that_somebody_wants(talk):
-    one = talk(collect=False)
-    assert asked(one.hear(packet(20, oldest=15))) == []
-    one.one.call("snw_exploration", "request_stored", "m3")
-    assert asked(one.hear(packet(21, oldest=15))) == [[15, 16, 17, 18, 19]]
-
-
-def test_readings_that_have_arrived_are_acknowledged_a_few_at_a_time(talk):
-    one = talk(acknowledge_every=4)
-    said = one.hear(*(packet(number, oldest=10) for number in range(10, 16)))
-    assert acknowledged(said)[0] == SequenceRange(10, 13)
-
-
 # -- duty -----------------------------------------------------------------------------------------------------
 
 
@@ -274,23 +185,6 @@ def test_a_duty_on_the_wire_reaches_the_mote_when_it_is_heard_and_until_it_has_i
     one.one.publisher(MOTE_DUTY, mote="m3").put(MoteDuty(mote="m3", period_s=30.0))
     assert duties(one.hear(packet(1), packet(2))) == [300, 300]
     assert duties(one.hear(packet(3, period_ds=300), packet(4, period_ds=300))) == []
-
-
-def test_a_wish_stamped_by_a_clock_that_is_ahead_counts_until_the_next_one(talk):
-    one = talk()
-    publisher = one.one.publisher(MOTE_DUTY, mote="m3")
-    publisher.put_bytes(msgspec.json.encode(MoteDuty(mote="m3", period_s=30.0, stamp_ns=2**60)))
-    assert duties(one.hear(packet(1))) == [300]
-    one.one.run(1.0)
-    publisher.put(MoteDuty(mote="m3", period_s=60.0))
-    assert duties(one.hear(packet(2))) == [600]
-
-
-def test_a_mote_that_never_takes_its_duty_is_given_up(talk):
-    one = talk(duty_tries=3)
-    one.one.call("snw_exploration", "set_duty", "m3", 30.0)
-    assert duties(one.hear(*(packet(number) for number in range(6)))) == [300, 300, 300]
-    assert one.counters()["duties_given_up"] == 1
 
 
 @pytest.mark.parametrize(
@@ -336,13 +230,6 @@ def test_a_reading_that_motes_have_passed_on_is_told_with_its_way_and_its_mote_i
     assert one.one.call("snw_exploration", "motes") == []
 
 
-def test_a_reading_received_at_its_own_mote_has_no_way(stage) -> None:
-    one = Talk(stage(), collect=False)
-    one.hear(packet(5))
-    (reading,) = one.readings()
-    assert not any((reading.hops, reading.forwarder, reading.waiting, reading.dropped))
-
-
 def test_a_robot_that_is_no_gateway_tells_readings_at_once_and_one_that_is_waits_for_a_coordinator(stage) -> None:
     one = Talk(stage(), collect=False, store_readings=100)
     one.hear(packet(5), packet(6))
@@ -384,14 +271,6 @@ class Net:
         return [reading.sequence for reading in self.told if reading.mote == mote]
 
 
-def test_readings_are_told_at_once_while_there_is_a_coordinator(wire) -> None:
-    net = Net(wire, 10)
-    net.there(True)
-    net.hear("m2", 1, 2)
-    assert net.numbers("m2") == [1, 2]
-    assert [(reading.waiting, reading.dropped) for reading in net.told] == [(0, 0), (0, 0)]
-
-
 def test_stored_readings_follow_in_order_before_new_ones_one_of_each_mote_at_a_time(wire) -> None:
     net = Net(wire, 10)
     net.hear("m2", 1, 2, 3)
@@ -406,18 +285,6 @@ def test_stored_readings_follow_in_order_before_new_ones_one_of_each_mote_at_a_t
     net.step(5)
     assert net.numbers("m2") == [1, 2, 3, 4]
     assert net.store.waiting == 0
-
-
-def test_a_second_cut_stops_forwarding(wire) -> None:
-    net = Net(wire, 10)
-    net.hear("m2", 1, 2, 3)
-    net.there(True)
-    net.there(False)
-    net.step(10)
-    assert net.numbers("m2") == [1]
-    net.there(True)
-    net.step(10)
-    assert net.numbers("m2") == [1, 2, 3]
 
 
 def test_the_oldest_readings_of_the_mote_with_the_most_are_dropped_and_counted(wire) -> None:
@@ -474,34 +341,25 @@ def test_a_duty_is_said_again_after_a_while_and_no_more_once_it_is_confirmed():
     assert base.hears(5, period_ds=40, after_ns=WAIT_NS) == []
 
 
-def test_a_duty_that_is_never_confirmed_is_given_up():
-    base = Base()
-    base.record.want_period(90, 0)
-    said = sum(DUTY_TYPE in kinds(base.hears(0, after_ns=WAIT_NS)) for _ in range(DUTY_TRIES + 5))
-    assert said == DUTY_TRIES
-    assert base.over.given_up == 1
-
-
-def test_what_is_missing_for_longer_than_readings_take_is_asked_for_until_it_comes():
-    base = Base()
-    base.hears(0)
-    assert base.hears(3) == []
-    (request,) = base.hears(4, after_ns=WAIT_NS)
-    assert request.kind == REQUEST_TYPE
-    assert RequestPayload.unpack(request.inner).sequences() == [1, 2]
-    base.hears(1)
-    (request,) = base.hears(5, after_ns=WAIT_NS)
-    assert RequestPayload.unpack(request.inner).sequences() == [2]
-    base.hears(2)
-    assert base.hears(6, after_ns=WAIT_NS) == []
-
-
 def test_only_what_has_come_without_a_gap_is_acknowledged():
     base = Base()
     said = [packet for number in (0, 1, 2, 3, 4, 5, 6, 8) for packet in base.hears(number)]
     assert ACKNOWLEDGE_TYPE not in kinds(said)
     said = base.hears(7)
     assert [(packet.kind, packet.inner.hex()) for packet in said] == [(ACKNOWLEDGE_TYPE, "00000008")]
+
+
+def reading(**changes):
+    values = {
+        "mote": 3, "sequence": 7, "oldest": 7, "period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE,
+        "value_centi": 2150, "x_dm": 50, "y_dm": -20, "rssi_dbm": -70,
+    }  # fmt: skip
+    return ReadingPayload(**values | changes)
+
+
+def test_only_a_mote_with_neither_coordinate_has_no_place():
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=NO_PLACE)) is None
+    assert place_of(reading(x_dm=NO_PLACE, y_dm=10)) == Point2D(NO_PLACE / 10, 1.0)
 
 
 def test_a_way_that_is_old_too_long_or_a_circle_is_none():
@@ -519,63 +377,3 @@ def test_a_way_that_is_old_too_long_or_a_circle_is_none():
         base.over.received_forwarded(MoteRecord(f"m{number}", number, 64), reading, number - 1, base.now_ns)
     assert base.over.route(ROUTE_MAX + 1, base.now_ns) == tuple(range(1, ROUTE_MAX + 2))
     assert base.over.route(ROUTE_MAX + 2, base.now_ns) is None
-
-
-HERE = Point2D(1.0, 2.0)
-
-
-def reading(**changes):
-    values = {
-        "mote": 3, "sequence": 7, "oldest": 7, "period_ds": 40, "voltage_mv": 2900, "quantity": Quantity.TEMPERATURE,
-        "value_centi": 2150, "x_dm": 50, "y_dm": -20, "rssi_dbm": -70,
-    }  # fmt: skip
-    return ReadingPayload(**values | changes)
-
-
-def record():
-    return MoteRecord("m3", 3, 64)
-
-
-def test_row_of_a_mote_tells_its_last_packet_and_the_mean_of_all_strengths():
-    one = record()
-    one.record_packet(reading(rssi_dbm=-60), 1, None)
-    one.record_packet(reading(sequence=8, rssi_dbm=-80, value_centi=2200), 2, HERE)
-    row = one.as_received()
-    assert (row.mote, row.place, row.received_at) == ("m3", Point2D(5.0, -2.0), HERE)
-    assert (row.rssi_dbm, row.mean_rssi_dbm, row.stamp_ns) == (-80, -70.0, 2)
-    assert (row.period_s, row.voltage_v, row.last_value) == (4.0, 2.9, 22.0)
-    assert (row.readings, row.missing) == (0, 0)
-
-
-def test_stored_reading_is_not_the_last_value_unless_there_is_no_other():
-    one = record()
-    one.record_packet(reading(age_ds=1, value_centi=100), 1, None)
-    assert (one.as_received().last_value, one.live_ns) == (1.0, 1)
-    one.record_packet(reading(age_ds=0, value_centi=200), 2, None)
-    one.record_packet(reading(age_ds=5, value_centi=300), 3, None)
-    assert (one.as_received().last_value, one.live_ns, one.stamp_ns) == (2.0, 2, 3)
-
-
-def test_request_is_answered_with_its_last_reading():
-    one = record()
-    one.record_answer(12)
-    one.asked = RequestPayload(10, 0b111)
-    one.record_answer(11)
-    assert one.asked is not None
-    one.record_answer(12)
-    assert one.asked is None
-
-
-def test_wish_counts_unless_a_later_one_is_known_and_is_tried_anew():
-    one = record()
-    assert one.want_period(40, 0)
-    one.duty_tries = 5
-    assert not one.want_period(50, -1)
-    assert (one.wanted_period_ds, one.duty_tries) == (40, 5)
-    assert one.want_period(60, 0)  # as late
-    assert (one.wanted_period_ds, one.duty_tries) == (60, 0)
-
-
-def test_only_a_mote_with_neither_coordinate_has_no_place():
-    assert place_of(reading(x_dm=NO_PLACE, y_dm=NO_PLACE)) is None
-    assert place_of(reading(x_dm=NO_PLACE, y_dm=10)) == Point2D(NO_PLACE / 10, 1.0)

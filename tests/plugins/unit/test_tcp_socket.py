@@ -105,11 +105,6 @@ def test_many_clients_are_served_and_one_too_many_is_told_so(listening):
         assert client.ask("again") == "ok again"
 
 
-def test_a_client_that_says_nothing_for_long_is_cut_off(listening):
-    with Client(listening(idle_s=0.05)) as client:
-        assert client.line() == b""
-
-
 def test_a_client_without_a_command_is_cut_off_soon_and_others_stay(listening, monkeypatch):
     monkeypatch.setattr(server, "FIRST_COMMAND_S", 0.2)
     plugin = listening()
@@ -122,20 +117,6 @@ def test_a_client_without_a_command_is_cut_off_soon_and_others_stay(listening, m
 
         until(lambda: plugin.clients() == 1, step=trickle)
         assert spoken.ask("second") == "ok second"
-
-
-def test_a_client_that_takes_no_answers_is_cut_off(listening, monkeypatch):
-    monkeypatch.setattr(server, "SEND_TIMEOUT_S", 0.05)
-    plugin = listening()
-    with Client(plugin) as client:
-        client.socket.setblocking(False)
-
-        def say() -> None:  # as much as it takes until its answers fill what is between them
-            with contextlib.suppress(OSError):
-                for _ in range(100):
-                    client.socket.send((b"x" * 4000 + b"\n") * 10)
-
-        until(lambda: plugin.clients() == 0, step=say)
 
 
 def test_nobody_but_the_machine_itself_can_connect_unless_told(listening):
@@ -168,13 +149,6 @@ def test_a_port_that_is_taken_is_named(listening):
     taken = listening().port()
     with pytest.raises(PluginError, match=f"tcp_socket cannot listen on 127.0.0.1 port {taken}"):
         tcp_socket(port=taken).activate()
-
-
-def test_it_does_not_listen_unless_told():
-    plugin = tcp_socket(enabled=False)
-    plugin.activate()
-    assert plugin.port() == 0
-    plugin.deactivate()
 
 
 def test_in_lockstep_it_says_why_it_does_not_listen(stage):

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed here: pip install 'r
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2 import ros2_base, topic_device
-from robrain.plugins.device.ros2.link import INBOX_MESSAGES, Ros2Parameters, open_link
+from robrain.plugins.device.ros2.link import Ros2Parameters, open_link
 from robrain.plugins.device.ros2.ros2_base import TICK_S
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
@@ -20,7 +20,6 @@ from tests.plugins.device.ros2.fake_link import Link
 from tests.plugins.device.ros2.ros_words import STANDING, battery, imu, odometry, scan
 
 ROLES = {"mocdevice": "ros2_base", "scan": "ros2_scan", "bm2": "ros2_battery", "imu": "ros2_imu"}
-TICK_NS = to_ns(0.02)
 GONE = Pose2D(0.0, 0.0, 0.0)
 
 
@@ -108,22 +107,6 @@ def test_velocities_go_out_and_odometry_comes_in(robot):
     assert robot.device.odometry_until_ns() == robot.one.clock.now_ns()
 
 
-def test_a_robot_that_is_never_heard_is_named_in_the_log_with_the_topic(robot, caplog):
-    robot.run(25.0)
-    assert len(caplog.messages) == len(set(caplog.messages))
-    assert any("no odometry yet: the publisher of /r1/odom is silent" in said for said in caplog.messages)
-    assert any("no turn yet: the publisher of /r1/scan is silent" in said for said in caplog.messages)
-
-
-def test_velocities_of_a_base_that_takes_them_stamped_have_a_stamp_and_a_frame(build):
-    robot = build(mocdevice={"stamped": True})
-    robot.run(0.5)
-    robot.device.drive(Twist2D(0.5, 0.0, 0.0))
-    message = robot.link.heard["/r1/cmd_vel"].messages[-1]
-    assert (message.header.frame_id, message.header.stamp.nanosec) == ("base_link", 500_000_000)
-    assert message.twist.linear.x == 0.5
-
-
 def test_beyond_the_limits_the_curvature_is_kept(robot):
     robot.device.drive(Twist2D(4.0, 0.0, 2.0))
     assert robot.commands[-1] == (1.0, 0.0, 0.5)
@@ -144,14 +127,6 @@ def test_only_a_holonomic_base_is_told_to_drive_sideways(build, holonomic, left_
     assert robot.device.is_holonomic() is holonomic
     robot.device.drive(Twist2D(0.2, 0.3, 0.0))
     assert robot.commands[-1] == (0.2, left_m_s, 0.0)
-
-
-def test_wheels_of_a_driver_that_hangs_are_stopped_after_200_ms(robot):
-    robot.device.drive(Twist2D(0.5, 0.0, 0.0))
-    robot.run(0.18)
-    assert robot.commands[-1] == (0.5, 0.0, 0.0)
-    robot.run(0.06)
-    assert robot.commands[-1] == (0.0, 0.0, 0.0)
 
 
 def test_a_halted_robot_is_told_to_stand_until_it_is_resumed(robot):
@@ -199,24 +174,6 @@ def test_odometry_that_is_silent_or_rejected_while_it_has_a_publisher_is_told_ap
     robot.run(0.5, lambda: robot.say(Pose2D(math.nan, 0.0, 0.0)))
     robot.until(lambda: robot.state()[0] == "faulted", 0.6)
     assert re.search(r"\d messages of /r1/odom were rejected: .*nan", robot.state()[1])
-
-
-@pytest.mark.parametrize(
-    ("wrong", "why"),
-    [
-        ({"range_max": 0.0}, "expected range_min < range_max, got"),
-        ({"angle_increment": math.nan}, "angle_increment nan"),
-    ],
-)
-def test_the_fault_of_a_lidar_whose_turns_are_rejected_names_field_and_value(robot, wrong, why):
-    def put(message):
-        robot.link.inboxes["/r1/scan"].put(message, robot.one.clock.now_ns())
-
-    robot.run(0.5, lambda: put(scan([1.0] * 8)))
-    robot.run(1.5, lambda: put(scan([1.0] * 8, **wrong)))
-    state, told = robot.state("scan")
-    assert state == "faulted"
-    assert re.search(rf"no turn for 1\.\d s: \d+ messages of /r1/scan were rejected: .*{why}", told)
 
 
 @pytest.mark.slow
@@ -272,31 +229,6 @@ def test_what_cannot_be_is_rejected_and_counted(robot):
     assert robot.one.call("bm2", "latest") is None
 
 
-def test_a_flood_of_odometry_is_bounded_and_what_is_dropped_is_counted(robot):
-    for step in range(INBOX_MESSAGES + 40):
-        robot.say(Pose2D(1e-5 * step, 0.0, 0.0))
-    assert robot.device.counters().lost == 40
-    assert robot.device.counters().believed == INBOX_MESSAGES
-
-
-def test_turns_are_handed_on_with_the_time_of_their_measurement(robot):
-    robot.run(1.0)
-    message = scan([1.25] * 360, header=odometry(GONE, stamp_ns=to_ns(0.95)).header)
-    robot.link.inboxes["/r1/scan"].put(message, robot.one.clock.now_ns())
-    robot.run(0.02)
-    latest = robot.host.manager.get("scan").plugin.latest()
-    assert latest.stamp_ns == to_ns(0.95)
-    assert latest.ranges_m == pytest.approx(1.25)
-    assert robot.one.call("scan", "nearest_m") == pytest.approx(1.25)
-
-
-def test_a_lidar_that_falls_silent_is_a_fault_with_its_name(robot):
-    robot.run(1.0, lambda: robot.link.inboxes["/r1/scan"].put(scan([1.0] * 8), robot.one.clock.now_ns()))
-    robot.link.present.clear()
-    robot.until(lambda: robot.state("scan")[0] == "faulted", 1.2)
-    assert "the lidar has sent no turn for 1.0 s: /r1/scan has no publisher in ROS domain 7" in robot.state("scan")[1]
-
-
 def test_a_turn_that_was_doubted_is_not_handed_on_again_after_the_restart(robot):
     def say(range_m):
         robot.link.inboxes["/r1/scan"].put(scan([range_m] * 8), robot.one.clock.now_ns())
@@ -309,28 +241,6 @@ def test_a_turn_that_was_doubted_is_not_handed_on_again_after_the_restart(robot)
     assert robot.host.manager.get("scan").plugin.latest() is None
     robot.run(0.3, lambda: say(1.1))
     assert robot.host.manager.get("scan").plugin.latest() is not None
-
-
-def test_charge_and_energy_are_counted_between_measurements_but_not_across_a_gap(robot):
-    inbox = robot.link.inboxes["/r1/battery_state"]
-    for at_s in (10.0, 11.0, 12.0, 60.0):
-        inbox.put(battery(15.0, -2.0, stamp_ns=to_ns(at_s)), to_ns(at_s))
-    robot.run(0.3)
-    latest = robot.one.call("bm2", "latest")
-    assert (latest["voltage_v"], latest["current_a"]) == (15.0, 2.0)
-    assert (latest["charge_c"], latest["energy_j"]) == (4.0, 60.0)
-
-
-def test_a_current_that_the_robot_does_not_measure_is_told_as_a_guess(build):
-    robot = build(bm2={"current_a": 0.8})
-    inbox = robot.link.inboxes["/r1/battery_state"]
-    inbox.put(battery(15.0, -2.0, stamp_ns=to_ns(1.0)), to_ns(1.0))
-    robot.run(0.3)
-    assert "report" not in robot.one.call("bm2", "latest")
-    inbox.put(battery(15.0, math.nan, stamp_ns=to_ns(2.0)), to_ns(2.0))
-    robot.run(0.3)
-    latest = robot.one.call("bm2", "latest")
-    assert (latest["current_a"], latest["report"]["has_current"]) == (0.8, False)
 
 
 def test_turn_rates_go_to_the_odometry_in_the_robots_frame_and_in_order(build):
@@ -348,37 +258,6 @@ def test_turn_rates_go_to_the_odometry_in_the_robots_frame_and_in_order(build):
     assert (latest["forward_m_s2"], latest["left_m_s2"]) == (pytest.approx(-1.0), pytest.approx(2.0))
     assert robot.one.call("imu", "rejected") == 1
     assert "expected a rate up to 40 rad/s" in robot.one.call("imu", "rejection")
-
-
-def test_an_imu_that_contradicts_the_wheels_is_a_fault_that_says_why(robot):
-    robot.run(0.5)
-    robot.host.board.gyro_contradiction = -1.0
-    robot.run(0.05)
-    state, why = robot.state("imu")
-    assert state == "faulted"
-    assert "ImuContradicted: it turns -1 times as far" in why
-    robot.until(lambda: robot.state("imu")[0] == "active", 3.0)
-    assert robot.host.board.gyro_contradiction is None
-
-
-def test_an_imu_that_falls_silent_is_a_fault_and_goes_on_when_it_is_heard(build):
-    robot = build(imu={"silent_s": 0.5})
-    inbox = robot.link.inboxes["/r1/imu/data"]
-
-    def say(rate_rad_s):
-        inbox.put(imu(rate_rad_s, 1.0, 2.0, stamp_ns=robot.one.clock.now_ns()), robot.one.clock.now_ns())
-
-    robot.run(0.2)
-    say(0.5)
-    robot.run(0.4)
-    assert robot.state("imu")[0] == "active"
-    robot.run(0.4)
-    assert robot.state("imu") == ("faulted", "ImuAbsent: no measurement: the publisher of /r1/imu/data is silent")
-    robot.until(lambda: robot.state("imu")[0] == "active", 3.0)
-    inbox = robot.link.inboxes["/r1/imu/data"]
-    say(0.6)
-    robot.run(0.1)
-    assert robot.one.call("imu", "latest")["yaw_rate_rad_s"] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize("device", ["imu", "bm2"])

@@ -128,13 +128,6 @@ def test_a_path_that_ends_where_the_one_before_does_is_no_new_goal(robot):
     assert len(robot.nav2.goals) == 2
 
 
-def test_arrival_is_told_and_the_robot_stands(robot):
-    robot.driver.follow([Point2D(1.0, 0.0)])
-    robot.nav2.end(GoalState.ARRIVED)
-    robot.run(0.2)
-    assert robot.driver.motion() is Motion.STOPPED
-
-
 def test_an_action_ends_with_its_goal(robot):
     robot.driver.go_to(1.0, 0.0, 0.5)
     robot.nav2.end(GoalState.ARRIVED)
