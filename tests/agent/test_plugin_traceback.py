@@ -138,9 +138,3 @@ def test_a_long_traceback_keeps_its_beginning_and_end_within_a_bound():
     assert " more …\n" in detail
     assert detail.count("in fall") <= 20
     assert "RecursionError" in detail
-
-
-def test_a_circular_chain_of_causes_ends():
-    first, second = ValueError("a"), ValueError("b")
-    first.__cause__, second.__cause__ = second, first
-    assert plugin_traceback.raised(first) == ("", "")

@@ -52,6 +52,14 @@ MORE = """
 
 
 @pytest.fixture
+def greeter(bench):
+    bench.code("greeter", GREETER)
+    bench.manifest("greeter", "greeter:Greeter")
+    bench.start("greeter")
+    return bench
+
+
+@pytest.fixture
 def more(bench):
     bench.code("more", MORE)
     bench.manifest("low", "more:Low", visibility=["more"])
@@ -66,31 +74,15 @@ def refused(bench, *call):
     return refusal.value.code, str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "greeting"),
-    [
-        (None, "hello world"),  # nothing at all: the defaults
-        ([], "hello world"),  # none by position
-        ({}, "hello world"),  # none by name
-        (["you"], "hello you"),  # by position
-        (["you", 2], "hello you hello you"),  # both by position
-        ({"times": 2}, "hello world hello world"),  # the second by name
-        ({"times": 2, "name": "you"}, "hello you hello you"),  # by name, in any order
-        (b"  ", "hello world"),  # blanks
-    ],
-)
-def test_a_students_plugin_is_called_by_position_by_name_and_by_default(bench, arguments, greeting):
-    bench.code("greeter", GREETER)
-    bench.manifest("greeter", "greeter:Greeter")
-    bench.start("greeter")
-    assert bench.call("greeter", "hello", arguments) == greeting
+def test_a_students_plugin_is_called_by_position_by_name_and_by_default(greeter):
+    assert greeter.call("greeter", "hello") == greeter.call("greeter", "hello", b"  ") == "hello world"
+    assert greeter.call("greeter", "hello", ["you", 2]) == "hello you hello you"
+    assert greeter.call("greeter", "hello", {"times": 2}) == "hello world hello world"
+    assert greeter.call("greeter", "hello", {"times": 2, "name": "you"}) == "hello you hello you"
 
 
-def test_the_robot_tells_what_can_be_called_and_how(bench):
-    bench.code("greeter", GREETER)
-    bench.manifest("greeter", "greeter:Greeter")
-    bench.start("greeter")
-    info = bench.infos()["greeter"]
+def test_the_robot_tells_what_can_be_called_and_how(greeter):
+    info = greeter.infos()["greeter"]
     assert (info.level, info.state, info.doc, info.period_s) == ("unit", "active", "Greets whoever asks.", None)
     (function,) = info.functions
     assert (function.name, function.doc) == ("hello", "A greeting.")
@@ -104,11 +96,9 @@ def test_the_robot_tells_what_can_be_called_and_how(bench):
     ("function", "arguments", "result"),
     [
         ("add", [1], 11),
-        ("add", {"a": 1, "b": 2}, 3),
         ("mirror", [{"x_m": 1.0}], {"x_m": -1.0, "y_m": -0.0}),
         ("choose", [[3, 1, 2]], 3),
         ("choose", [None], None),
-        ("choose", None, None),
         ("poke", None, "poked"),
     ],
 )
@@ -120,14 +110,10 @@ def test_arguments_and_results_are_typed(more, function, arguments, result):
     ("function", "arguments", "named"),
     [
         ("add", ["one"], "Expected `int`, got `str` for argument `a`"),  # a wrong type
-        ("add", {"a": 1, "b": "two"}, "Expected `int`, got `str` for argument `b`"),  # a wrong type by name
-        ("add", [1.5], "Expected `int`, got `float` for argument `a`"),  # a fraction
         ("add", None, "missing required field `a`"),  # nothing given
-        ("add", {"b": 1}, "missing required field `a`"),  # the first left out
         ("add", [1, 2, 3], "add takes at most 2 arguments, got 3"),  # one too many
         ("add", {"a": 1, "c": 2}, "unknown field `c`"),  # a name that is none
         ("add", b"[1", "arguments are not JSON"),  # cut
-        ("add", b"\xff", "arguments are not JSON"),  # no text
         ("add", b"[" * 100_000, "arguments are not JSON"),  # nested too deep
         ("add", 3, "expected a JSON array or object of arguments"),  # neither
         ("mirror", [{"y_m": 1.0}], "missing required field `x_m` for argument `place`"),  # within an argument

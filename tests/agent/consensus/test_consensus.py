@@ -152,9 +152,6 @@ def test_a_name_that_the_coordinator_has_given_is_refused_and_a_deadline_that_is
         one.consensus.submit(TaskSubmission(task=visit("t2", deadline_ns=one.clock.now_ns())), one.clock.now_ns())
 
 
-# -- what tasks are worth ------------------------------------------------------------------------------------------
-
-
 # -- what it knows ------------------------------------------------------------------------------------------------
 
 
@@ -174,18 +171,14 @@ def test_a_robot_remembers_so_many_open_tasks_and_goes_on_hearing_of_those() -> 
     assert known.may_be_asked
 
 
-def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
-    known = KnownTasks()
-    known.receive(heard(visit("explore-1", kind="explore")))
-    assert known.open == {}
-
-
-def test_what_is_too_large_to_be_told_to_others_is_not_remembered() -> None:
+def test_what_is_too_large_to_be_told_to_others_and_tasks_of_a_coordinator_itself_are_not_remembered() -> None:
     known = KnownTasks()
     for name, count in (("t1", 10), ("t2", 64)):
         task = visit(name, needs=("camera" * 10,) * count, after=("t" * 60,) * count)
         known.ask(TaskAsked(submission=TaskSubmission(task=task), at_ns=5))
     assert list(known.asked) == ["t1"]
+    known.receive(heard(visit("explore-1", kind="explore")))
+    assert "explore-1" not in known.open
 
 
 def test_as_many_tasks_as_large_as_robots_remember_make_no_ballot_that_is_too_large(one: OneRobot) -> None:

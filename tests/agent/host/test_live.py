@@ -51,11 +51,7 @@ ROBOT = """
 
     class Slow(Device):
         period_s = 0.005
-        steps = 0
-        def step(self):
-            self.steps += 1
-            self.env.rng.integers(0, 2)
-            threading.Event().wait(0.02)
+        def step(self): threading.Event().wait(0.02)
 
     class Stuck(Device):
         period_s = 0.02
@@ -100,19 +96,12 @@ def test_events_wake_the_observer_and_are_not_delivered_on_the_notifiers_thread(
     assert robot.plugin("listener").thread == "plugin-listener"
 
 
-def test_steps_that_take_longer_than_their_period_are_counted(start):
-    robot = start("slow", "counter")
-    until(lambda: robot.infos()["slow"].overruns >= 3)
-    assert robot.infos()["slow"].overruns <= robot.plugin("slow").steps
-    assert robot.infos()["slow"].period_s == 0.005
-
-
 @pytest.mark.slow
 def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
     robot = start("counter", "listener", "slow")
     robot.call("counter", "press")
-    until(lambda: robot.plugin("counter").steps > 0)
+    until(lambda: robot.infos()["slow"].overruns >= 3)
     assert threads_since(before, "plugin-")
     assert threads_since(before, "halt-r1-")
     robot.stop()
