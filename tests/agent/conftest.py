@@ -2,7 +2,7 @@
 
 import logging
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from robrain.agent.authoring.testing import HostBench
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.plugin import Plugin
+from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.wire.session import open_lockstep_session
 
@@ -69,6 +70,13 @@ class Bench(HostBench):
         plugin = self.hosts[-1].manager.get(name).plugin
         assert isinstance(plugin, Plugin)
         return plugin
+
+
+def refused(call: Callable[..., object], /, *args: Any, **kwargs: Any) -> CallError:
+    """The error with which a call is refused."""
+    with pytest.raises(CallError) as refusal:
+        call(*args, **kwargs)
+    return refusal.value
 
 
 def _as_toml(tables: dict[str, dict[str, Any]]) -> str:

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.host.command_door import Question, TextCall, parse_call, parse_command
-from robrain.agent.text_form import encode_own, parse_argument, parse_value, print_value, register_text_form
+from robrain.agent.text_form import encode_own, parse_value, print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode
+from tests.agent.conftest import refused
 
 
 class Complex:
@@ -213,10 +214,9 @@ def test_a_call_is_taken_apart(text, arguments):
     ],
 )
 def test_what_is_no_command_is_refused_in_words(text, complaint):
-    with pytest.raises(CallError) as refusal:
-        parse_command(text)
-    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
-    assert complaint in str(refusal.value)
+    error = refused(parse_command, text)
+    assert error.code is ErrorCode.BAD_ARGUMENTS
+    assert complaint in str(error)
 
 
 @pytest.mark.slow
@@ -238,17 +238,3 @@ def test_any_text_is_a_command_or_bad_arguments(text):
 def test_quoted_arguments_arrive_as_they_were_meant(texts):
     call = parse_call(f"call a b({', '.join(map(json.dumps, texts))})")
     assert [parse_value(word, str) for word in call.arguments] == texts
-
-
-@pytest.mark.parametrize(
-    ("word", "argument"),
-    [
-        ("1.0", (None, "1.0")),
-        ("a=1.0", ("a", "1.0")),
-        ("a=", ("a", "")),
-        ('"a=b"', (None, '"a=b"')),  # quoted: no name
-        ("a==b", (None, "a==b")),
-    ],
-)
-def test_an_argument_may_have_a_name(word, argument):
-    assert parse_argument(word) == argument

@@ -174,11 +174,3 @@ def test_who_is_second_at_an_exclusive_plugin_is_told_who_holds_it(bench, lab):
     with pytest.raises(PluginBusy) as busy:
         bench.hosts[-1].manager.get("second").use("switch", interface(bench))
     assert (busy.value.plugin, busy.value.holder) == ("switch", "first")
-
-
-def test_an_exclusive_plugin_is_free_again_when_its_holder_is_deactivated(bench, lab):
-    lab(EXCLUSIVE, first="Grabber", second="Unit1")
-    bench.hosts[-1].manager.get("first").apply(Trigger.DEACTIVATE)
-    assert bench.infos()["switch"].holder == ""
-    bench.plugin("second").env.use("switch", interface(bench))
-    assert bench.infos()["switch"].holder == "second"

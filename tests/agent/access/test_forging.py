@@ -32,7 +32,7 @@ from robrain.protocol.messages.robots.host_messages import HOST_HOLD, HoldReques
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from tests.agent.conftest import Bench
+from tests.agent.conftest import Bench, refused
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S
 
@@ -244,9 +244,7 @@ def test_one_python_process_is_one_trust_domain_and_who_means_to_forge_its_name_
 def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
     request = HoldRequest(plugin="switch", by="ann", lease_s=1.0)
     lab.wire.ask(HOST_HOLD, request, robot="r1")
-    with pytest.raises(CallError) as refused:
-        env.wire.ask(ROBOT_CALL, robot="r1", plugin="switch", function="press")
-    assert refused.value.code is ErrorCode.BUSY
+    assert refused(env.wire.ask, ROBOT_CALL, robot="r1", plugin="switch", function="press").code is ErrorCode.BUSY
     assert env.wire.ask(ROBOT_CALL, by="ann", robot="r1", plugin="switch", function="press") == b"1"
 
 

@@ -10,6 +10,7 @@ import pytest
 from robrain import AccessDenied, CallError, ErrorCode, Level, NobodyThere
 from robrain.agent.authoring import foreign_bench
 from robrain.testing import ForeignBench
+from tests.agent.conftest import refused
 
 pytestmark = pytest.mark.system
 
@@ -57,9 +58,7 @@ def test_it_is_listed_called_used_and_missed(gauge: ForeignBench) -> None:
     assert gauge.use(GaugeInterface).add() == {}
     with pytest.raises(AccessDenied, match="calls go to lower levels only"):
         gauge.use(GaugeInterface, level=Level.DEVICE)
-    with pytest.raises(CallError) as refused:
-        gauge.call("wipe")
-    assert refused.value.code is ErrorCode.UNKNOWN_FUNCTION
+    assert refused(gauge.call, "wipe").code is ErrorCode.UNKNOWN_FUNCTION
     gauge.kill()
     with pytest.raises(CallError, match="no foreign plugin gauge"):
         gauge.call("add")

@@ -118,12 +118,6 @@ def test_taking_the_place_of_a_stock_plugin_is_worth_a_warning(lamps):
     assert message.startswith("warning: takes the place of battery in ")
 
 
-def test_an_empty_folder_is_told(bench):
-    ((_, key, message),) = found(bench)
-    assert key == "folder"
-    assert "no manifest in it" in message
-
-
 # -- classes and parameters -------------------------------------------------------------------------------------
 
 

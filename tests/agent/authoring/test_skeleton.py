@@ -8,7 +8,8 @@ from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.agent.authoring.testing import PluginBench
 from robrain.agent.errors import PluginError
 from robrain.agent.manifest import read_manifest
-from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.errors import ErrorCode
+from tests.agent.conftest import refused
 
 LEVELS = ("device", "unit", "skill", "behavior")
 
@@ -31,9 +32,7 @@ def test_a_skeleton_runs_as_it_was_asked_for(tmp_path, level, plain):
             return
         assert info.period_s == (None if plain else 1.0)
         if not plain:
-            with pytest.raises(CallError) as refused:
-                bench.call("lamp", info.functions[0].name)
-            assert refused.value.code is ErrorCode.FORBIDDEN
+            assert refused(bench.call, "lamp", info.functions[0].name).code is ErrorCode.FORBIDDEN
 
 
 @pytest.mark.slow

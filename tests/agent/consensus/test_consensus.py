@@ -408,19 +408,6 @@ def test_a_mate_that_has_just_begun_is_not_counted(one: OneRobot) -> None:
     assert not one.consensus.is_leaderless
 
 
-def test_a_task_is_not_begun_with_a_mate_that_has_just_begun_alone(one: OneRobot) -> None:
-    """The coordinator may have given it to the third robot."""
-    one.tell(visit("t1"))
-    one.run(1.0)
-    one.is_coordinated = False
-    one.says = {"r2": NEW}
-    one.run(10.0)
-    assert one.begun == []
-    one.says = {"r2": {}}
-    one.run(10.0)
-    assert one.consensus.is_leaderless
-
-
 def test_one_that_has_just_begun_joins_those_that_allocate(one: OneRobot) -> None:
     one.is_coordinated = False
     one.says = {"r2": {}, "r3": {}}

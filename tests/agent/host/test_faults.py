@@ -324,15 +324,17 @@ def all_run(bench):
     return {name: info.why for name, info in bench.infos().items() if info.state != "active"} == {}
 
 
-AGAIN = [(plugin, moment) for plugin, moment in MOMENTS if plugin == "eyes" or (NEEDS[plugin] and moment != "init")]
-"""What is done when `eyes` is started again: its users were put aside."""
+USERS_AGAIN = [(plugin, moment) for plugin, moment in MOMENTS if NEEDS[plugin] and moment != "init"]
+"""When `eyes` is started again: its users were put aside. A reload has its own module, without the hooks of `eyes`."""
+AGAIN = [(plugin, moment) for plugin, moment in MOMENTS if plugin == "eyes"] + USERS_AGAIN
 
 
 @pytest.mark.parametrize(
     ("when", "device", "moment"),
     [
         *(("start", device, moment) for device in ("wheels", "eyes") for moment in MOMENTS),
-        *((when, "eyes", moment) for when in ("restart", "reload") for moment in AGAIN),
+        *(("restart", "eyes", moment) for moment in AGAIN),
+        *(("reload", "eyes", moment) for moment in USERS_AGAIN),
     ],
     ids=str,
 )

@@ -16,7 +16,7 @@ from robrain.protocol.messages.robots.host_messages import HOST_COMMAND, Command
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
-from tests.agent.conftest import Bench
+from tests.agent.conftest import Bench, refused
 from tests.agent.isolation.test_foreign import Process, info
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import until
@@ -173,9 +173,7 @@ def test_a_handle_on_one_that_has_gone_says_so_faults_nobody_and_works_when_it_i
 def test_a_halted_robot_calls_no_foreign_plugin_from_inside_and_relays_no_calls(robot, gauge, meter):
     robot.host.manager.halt()
     assert gauge.asked == []
-    with pytest.raises(CallError) as refused:
-        robot.call("gauge", "read")
-    assert refused.value.code is ErrorCode.HALTED
+    assert refused(robot.call, "gauge", "read").code is ErrorCode.HALTED
     robot.host.manager.resume()
     assert robot.call("gauge", "read") == 1.5
     assert gauge.asked == [b""]
