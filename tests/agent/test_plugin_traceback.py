@@ -1,7 +1,5 @@
 """Every report of a plugin's error has the author's file, line and traceback."""
 
-import logging
-
 import pytest
 
 from robrain.agent import plugin_traceback
@@ -106,16 +104,6 @@ def test_a_load_that_fails_answers_with_the_line_and_traceback_and_logs_them(ben
     assert f'File "{file}", line {line}' in raised.value.detail
     assert str(lamp.parent) not in raised.value.detail
     assert raised.value.detail in caplog.text
-
-
-def test_a_plugin_that_is_left_out_at_the_start_is_listed_and_logged_with_its_line(bench, lamp, caplog):
-    source = lamp / "lamp.py"
-    source.write_text(source.read_text().replace("import helper", "import helper\nhelper.divide(0)"))
-    bench.start("lamp")
-    info = bench.infos()["lamp"]
-    assert info.where == "lamp/helper.py:2 in divide"
-    assert info.detail in caplog.text
-    assert [record.levelno for record in caplog.records] == [logging.ERROR]
 
 
 def fall(depth: int) -> None:

@@ -317,16 +317,6 @@ def test_robots_remember_so_many_and_long_words_are_cut(lost: LostTeam) -> None:
 # -- tasks of the coordinator ---------------------------------------------------------------------------------------
 
 
-def test_orphaned_tasks_are_done_once_each(lost: LostTeam) -> None:
-    names = lost.visits(12)
-    lost.run(1.0)
-    lost.kill()
-    lost.run(60.0)
-    assert lost.done == dict.fromkeys(names, 1)
-    assert lost.begun == dict.fromkeys(names, 1)
-    assert all(robot.done for robot in lost.robots)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.5, 8.0, 40.0])
 def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_twice(
@@ -344,6 +334,7 @@ def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_t
     lost.run(80.0)
     assert lost.states() == dict.fromkeys(names, TaskState.DONE)
     assert lost.done == dict.fromkeys(names, 1)
+    assert after_s < 40.0 or all(robot.done for robot in lost.robots)  # robots alone share the work
 
 
 def test_running_tasks_become_those_of_the_coordinator_that_returns(lost: LostTeam) -> None:

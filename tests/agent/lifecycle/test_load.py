@@ -88,20 +88,17 @@ def test_a_plugin_is_loaded_by_name_with_what_it_requires(lab):
     assert lab.plugin("shade").heard == 3
 
 
-def test_a_plugin_is_loaded_by_the_path_of_its_manifest(lab, tmp_path_factory):
-    elsewhere = tmp_path_factory.mktemp("elsewhere")
-    (elsewhere / "extra.py").write_text((lab.place / "lab.py").read_text())
-    (elsewhere / "extra.toml").write_text('[plugin]\nclass = "extra:Lamp"\n')
-    assert [tag.name for tag in lab.manager.load(str(elsewhere / "extra.toml"))] == ["extra"]
-    assert lab.call("extra", "name") == "extra"
-
-
 def test_all_plugins_of_a_folder_are_loaded_in_the_order_that_they_require(lab, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
+    with pytest.raises(PluginMissing, match=r"expected a TOML file with a \[plugin\] table"):
+        lab.manager.load(str(elsewhere))
     (elsewhere / "extra.py").write_text((lab.place / "lab.py").read_text())
     (elsewhere / "a_user.toml").write_text('[plugin]\nclass = "extra:Room"\n[tag]\nrequires = ["b_low"]\n')
     (elsewhere / "b_low.toml").write_text('[plugin]\nclass = "extra:Lamp"\n')
     assert [tag.name for tag in lab.manager.load(str(elsewhere))] == ["b_low", "a_user"]
+    lab.manager.unload("b_low", cascade=True)
+    assert [tag.name for tag in lab.manager.load(str(elsewhere / "b_low.toml"))] == ["b_low"]
+    assert lab.call("b_low", "name") == "b_low"
 
 
 def test_a_name_in_a_place_goes_before_a_folder_of_that_name(lab, monkeypatch, tmp_path_factory):
@@ -128,11 +125,6 @@ def test_what_is_loaded_already_is_refused(lab):
     with pytest.raises(PluginError, match=r"lamp is loaded already, from .*lamp.toml: reload it, or unload it first"):
         lab.manager.load("lamp")
     assert states(lab) == {"base": "active", "lamp": "active"}
-
-
-def test_a_folder_without_a_manifest_is_refused(lab, tmp_path_factory):
-    with pytest.raises(PluginMissing, match=r"expected a TOML file with a \[plugin\] table"):
-        lab.manager.load(str(tmp_path_factory.mktemp("empty")))
 
 
 @pytest.mark.parametrize(
@@ -238,11 +230,8 @@ def test_what_others_require_is_not_unloaded_and_they_are_named(stack):
     assert no.value.users == ["top", "shade"]
     assert set(states(stack).values()) == {"active"}
     assert refused(stack.wire.ask, HOST_UNLOAD, UnloadRequest(plugin="lamp"), robot="r1").code is ErrorCode.REFUSED
-
-
-def test_cascade_unloads_the_users_first(stack):
     diary = stack.plugin("lamp").name.__func__.__globals__["DIARY"]
-    tags = stack.manager.unload("lamp", cascade=True)
+    tags = stack.manager.unload("lamp", cascade=True)  # its users first
     assert diary == [tag.name for tag in tags] == ["top", "shade", "lamp"]
     assert [tag.state for tag in tags] == ["unloaded"] * 3
     assert list(stack.infos()) == ["base"]
