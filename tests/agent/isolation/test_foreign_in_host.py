@@ -16,7 +16,7 @@ from robrain.protocol.messages.robots.host_messages import HOST_COMMAND, Command
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import listening_at, open_session
-from tests.agent.conftest import Bench, refused
+from tests.agent.conftest import Bench, refused, stock_alone
 from tests.agent.isolation.test_foreign import Process, info
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import until
@@ -49,7 +49,7 @@ class Robot:
     def __init__(self, hub, place: Path, *load: str) -> None:
         self.connect = listening_at(hub)
         robot_file = RobotFile(robot=RobotTable("r1", team="t", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, Path(), hub, LiveClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, Path(), hub, LiveClock(), Drive.LIVE, **stock_alone())
         self.wire = PatientEndpoint(hub, "t", LiveClock(), Drive.LIVE)
         self.processes: list[Process] = []
         self.host.start()
