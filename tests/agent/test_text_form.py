@@ -167,6 +167,11 @@ def test_a_struct_may_have_a_text_form_beside_its_json():
     assert msgspec.json.encode(Point(1, 2), enc_hook=encode_own) == b'{"x":1,"y":2}'
 
 
+def test_a_type_that_takes_no_attributes_can_be_registered_too():
+    register_text_form(complex, complex, str)
+    assert parse_value(print_value(1 + 2j), complex) == 1 + 2j
+
+
 def test_forms_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="int has a text form that cannot be replaced"):
         register_text_form(int, int, str)

@@ -1,6 +1,7 @@
 """Reloading plugins after an edit, while the robot runs."""
 
 import os
+import sys
 
 import pytest
 
@@ -131,6 +132,22 @@ def test_a_file_beside_a_plugin_hides_no_installed_module(bench):
     bench.manifest("serial", "serial:Serial")
     bench.start("serial")
     assert bench.plugin("serial").kind == "queue"
+
+
+def test_plugins_of_one_installed_module_share_its_class_until_one_is_reloaded(bench, tmp_path_factory, monkeypatch):
+    """The module lies beside no manifest, but where Python looks for modules."""
+    source = tmp_path_factory.mktemp("installed") / "installed_lamp.py"
+    bench.code("installed_lamp", LAMP)
+    (bench.place / "installed_lamp.py").rename(source)
+    monkeypatch.syspath_prepend(source.parent)
+    for name in ("lamp", "second"):
+        bench.manifest(name, "installed_lamp:Lamp")
+    manager = bench.start("lamp", "second").manager
+    monkeypatch.setitem(sys.modules, "installed_lamp", sys.modules.pop("installed_lamp"))  # it goes with the test
+    assert type(bench.plugin("lamp")) is type(bench.plugin("second"))
+    source.write_text(source.read_text().replace('"one"', '"two"'))
+    manager.reload("lamp")
+    assert (bench.plugin("lamp").version(), bench.plugin("second").version()) == ("two", "one")
 
 
 def test_handles_and_observers_follow_and_the_holder_stays(lab):

@@ -6,7 +6,8 @@ import pytest
 
 from robrain.agent.authoring.plugin_check import check_plugins
 from robrain.agent.authoring.testing import PluginBench
-from robrain.agent.errors import PluginMissing
+from robrain.agent.errors import ManifestError, PluginMissing
+from robrain.agent.manifest import read_manifest
 
 CODE = """
     class Lamp(Protocol):
@@ -63,6 +64,12 @@ def test_what_is_not_for_the_role_is_refused_with_those_that_are(place: Path, ch
     bench = PluginBench(place, roles={"lamp": chosen})
     with pytest.raises(PluginMissing, match=rf"\[robot.roles\] lamp: no plugin {chosen} .*: bright_lamp, lamp$"), bench:
         pass
+
+
+def test_a_role_must_be_a_name(place: Path) -> None:
+    (place / "bright_lamp.toml").write_text('[plugin]\nclass = "lamps:Bright"\nrole = "a/b"\n')
+    with pytest.raises(ManifestError, match=r"\[plugin\] role"):
+        read_manifest(place / "bright_lamp.toml")
 
 
 def test_the_check_finds_nothing_wrong_but_a_role_that_there_is_not(place: Path) -> None:
