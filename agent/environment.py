@@ -53,16 +53,6 @@ class PluginRequests(Protocol):
         """See Environment.do_tasks."""
 
 
-class RobotHalting(Protocol):
-    """The robot's emergency halt, for plugins that halt it."""
-
-    def halt(self, by: str, reason: str) -> object:
-        """Halt the robot."""
-
-    def guard(self, plugin: str, reason: Callable[[], str]) -> None:
-        """Have a plugin asked whether a halt may end."""
-
-
 class CommandDoor(Protocol):
     """Access to the robot's plugins by text commands."""
 
@@ -85,7 +75,8 @@ class Environment:
         board: Board,
         tasks: RobotTasks,
         *,
-        halting: RobotHalting,
+        halt: Callable[[str, str], object],
+        guard: Callable[[str, Callable[[], str]], None],
         outside: CommandDoor | None = None,
         connect: list[str] | None = None,
     ) -> None:
@@ -106,7 +97,7 @@ class Environment:
         self._at_end: list[Callable[[str], None]] = []
         self._of_init: int | None = None
         self.__requests = plugin
-        self.__halting = halting
+        self.__halt, self.__guard = halt, guard
         self.clock = wire.clock
         """The run's clock."""
         self.gone: list[bool] = []
@@ -182,7 +173,7 @@ class Environment:
     def halt_robot(self, reason: str) -> None:
         """Halt this robot at once, in the plugin's name: only an operator ends it. On any thread."""
         if not self.has_gone:
-            self.__halting.halt(self.plugin, reason)
+            self.__halt(self.plugin, reason)
 
     def guard_resume(self, reason: Callable[[], str]) -> None:
         """Have `reason` asked before a halt of this robot ends: it stays halted for the reason that this returns.
@@ -191,7 +182,7 @@ class Environment:
         must not block. A later call replaces an earlier one.
         """
         if not self.has_gone:
-            self.__halting.guard(self.plugin, reason)
+            self.__guard(self.plugin, reason)
 
     def begin(self, events: Mapping[str, Event[Any]]) -> None:
         """The plugin is about to be activated: its marked events leave the robot. Not for plugins."""

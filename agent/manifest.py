@@ -180,10 +180,10 @@ def _has_plugin_table(text: str) -> bool:
 
 
 def _toml_files(place: Path, most_files: int | None) -> Iterator[Path]:
-    camera_target = 0
+    count = 0
     for folder, folders, files in os.walk(place):
-        camera_target += len(folders) + len(files)
-        if most_files is not None and camera_target > most_files:
+        count += len(folders) + len(files)
+        if most_files is not None and count > most_files:
             raise PluginMissing(
                 place.name, f"more than {most_files} files are in that folder: name the plugin's own folder"
             )

@@ -292,10 +292,7 @@ class RobotTasks:
 
         So every offer or withdrawal of a coordinator that returns is newer.
         """
-        try:
-            return self._begin(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
-        except FOREIGN_ERRORS as error:  # foreign plugin code
-            return TaskAnswer.refused(PlainReason(cut(str(error))))
+        return self._begin_or_refuse(TaskOffer(task=task, epoch=self._epoch, lease_s=0.0))
 
     def cancel_for_team(self, task_id: str, reason: str) -> None:
         """End the running task, or forget the held one, if it has this id: it was cancelled without a coordinator."""
@@ -310,10 +307,7 @@ class RobotTasks:
         if held is None or (ended is not None and not ended.state.ended):
             return False
         self.held = None
-        try:
-            answer = self._begin(held.offer)  # does not renew the lease: no message has arrived
-        except FOREIGN_ERRORS as error:  # foreign plugin code
-            answer = TaskAnswer.refused(PlainReason(cut(str(error))))
+        answer = self._begin_or_refuse(held.offer)  # does not renew the lease: no message has arrived
         if not answer.accepted:
             self._before = ended
             self._status = msgspec.structs.replace(
@@ -332,6 +326,12 @@ class RobotTasks:
         if answer.accepted:
             self.coordinator_seen_ns = now_ns
         return answer
+
+    def _begin_or_refuse(self, offer: TaskOffer) -> TaskAnswer:
+        try:
+            return self._begin(offer)
+        except FOREIGN_ERRORS as error:  # foreign plugin code
+            return TaskAnswer.refused(PlainReason(cut(str(error))))
 
     def _begin(self, offer: TaskOffer) -> TaskAnswer:
         reason = self._refusal(offer)

@@ -470,7 +470,8 @@ class AgentHost:
             (self._seed, zlib.crc32(self.name.encode()), zlib.crc32(plugin.name.encode())),
             self.board,
             self.desk,
-            halting=self.halting,
+            halt=self.halting.halt,
+            guard=self.halting.guard,
             outside=self.door if plugin.name == COMMAND else None,
             connect=list(self.robot_file.zenoh.connect),
         )

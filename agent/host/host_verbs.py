@@ -20,7 +20,6 @@ from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.plugin_traceback import log_error, raised
 from robrain.protocol.access.signing import vouch_request
 from robrain.protocol.errors import BadName, CallError, ErrorCode
-from robrain.protocol.messages.robots import host_messages as ask
 from robrain.protocol.messages.robots import host_messages as rows
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.refusals import RefusalCode
@@ -107,27 +106,19 @@ def _imported(name: str) -> "HostVerb[Any, Any]":
     return verb
 
 
-def _load(host: VerbHost, request: Request[ask.LoadRequest]) -> Infos:
+def _load(host: VerbHost, request: Request[rows.LoadRequest]) -> Infos:
     try:
         return [host.info(plugin) for plugin in host.manager.load(request.asked.plugin, host.loadable)]
     except ManifestError as error:
         raise error.for_outside() from error
 
 
-def _unload(host: VerbHost, request: Request[ask.UnloadRequest]) -> Infos:
+def _unload(host: VerbHost, request: Request[rows.UnloadRequest]) -> Infos:
     asked = request.asked
     return [host.info(plugin) for plugin in host.manager.unload(asked.plugin, cascade=asked.cascade)]
 
 
-def _reload(host: VerbHost, request: Request[ask.ReloadRequest]) -> Infos:
-    return [host.info(host.manager.reload(request.asked.plugin))]
-
-
-def _command(host: VerbHost, request: Request[ask.CommandRequest]) -> str:
-    return host.door.call_text(request.asked.text, by=request.asked.by or request.by)
-
-
-def _hold(host: VerbHost, request: Request[ask.HoldRequest]) -> ask.Lease:
+def _hold(host: VerbHost, request: Request[rows.HoldRequest]) -> rows.Lease:
     asked = request.asked
     try:
         return host.manager.get(asked.plugin).hold(asked.by, asked.lease_s)
@@ -135,26 +126,21 @@ def _hold(host: VerbHost, request: Request[ask.HoldRequest]) -> ask.Lease:
         raise CallError(ErrorCode.BAD_ARGUMENTS, f"hold: {error}") from error
 
 
-def _release(host: VerbHost, request: Request[ask.ReleaseRequest]) -> bool:
-    return host.manager.get(request.asked.plugin).exclusive.end_lease(request.asked.by)
-
-
-def _halt(host: VerbHost, request: Request[ask.HaltRequest]) -> ask.HaltAnswer:
-    return host.halting.halt(request.asked.by or request.by, request.asked.reason)
-
-
-def _resume(host: VerbHost, request: Request[ask.ResumeRequest]) -> ask.HaltAnswer:
-    return host.halting.resume(request.asked.by or request.by)
-
-
 LOAD = HostVerb(rows.HOST_LOAD, _load)
 UNLOAD = HostVerb(rows.HOST_UNLOAD, _unload)
-RELOAD = HostVerb(rows.HOST_RELOAD, _reload)
-COMMAND = HostVerb(rows.HOST_COMMAND, _command)
+RELOAD = HostVerb(rows.HOST_RELOAD, lambda host, request: [host.info(host.manager.reload(request.asked.plugin))])
+COMMAND = HostVerb(
+    rows.HOST_COMMAND, lambda host, request: host.door.call_text(request.asked.text, by=request.asked.by or request.by)
+)
 HOLD = HostVerb(rows.HOST_HOLD, _hold)
-RELEASE = HostVerb(rows.HOST_RELEASE, _release)
-HALT = HostVerb(rows.HOST_HALT, _halt)
-RESUME = HostVerb(rows.HOST_RESUME, _resume)
+RELEASE = HostVerb(
+    rows.HOST_RELEASE,
+    lambda host, request: host.manager.get(request.asked.plugin).exclusive.end_lease(request.asked.by),
+)
+HALT = HostVerb(
+    rows.HOST_HALT, lambda host, request: host.halting.halt(request.asked.by or request.by, request.asked.reason)
+)
+RESUME = HostVerb(rows.HOST_RESUME, lambda host, request: host.halting.resume(request.asked.by or request.by))
 AT_ONCE = (HALT.name, RESUME.name)
 """Answered even when all threads are busy."""
 HOST_VERBS: Registry[HostVerb[Any, Any]] = Registry(

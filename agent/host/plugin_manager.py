@@ -191,7 +191,7 @@ class PluginManager:
         self._folders = PluginFolders([])
         self._changing = threading.Lock()
         """Held by a load, unload, reload or restart."""
-        self._active_goals = threading.Lock()
+        self._settling = threading.Lock()
         """Held by these as well, and by `settle`."""
         self._begins_lacking = False
         """Whether plugins that lacked another are about to be started: one thread waits for that, not one a fault."""
@@ -353,7 +353,7 @@ class PluginManager:
 
     def settle(self, now_ns: int) -> None:
         """Handle faults: their dependants, restarts, plugins that hang or flood. The host does this in its step."""
-        if not self._active_goals.acquire(blocking=False):
+        if not self._settling.acquire(blocking=False):
             return
         try:
             self._see_to_faults(now_ns)
@@ -364,7 +364,7 @@ class PluginManager:
                 if self._begins_lacking:
                     self.later(self._begin_lacking)
         finally:
-            self._active_goals.release()
+            self._settling.release()
 
     def later(self, do: Callable[[], object]) -> None:
         """Have something done alone that may take its time; in live not on the host's own thread."""
@@ -424,18 +424,18 @@ class PluginManager:
             raise busy
         try:
             # In lockstep it is this thread that settles, and then waiting would not help.
-            if not self._active_goals.acquire(timeout=CHECK_TIMEOUT_S if self.registry.is_live else 0.0):
+            if not self._settling.acquire(timeout=CHECK_TIMEOUT_S if self.registry.is_live else 0.0):
                 raise busy
             try:
                 self._see_to_faults(self.registry.clock.now_ns())
                 yield
             finally:
-                self._active_goals.release()
+                self._settling.release()
         finally:
             self._changing.release()
 
     def _do_alone(self, do: Callable[[], object]) -> None:
-        with self._changing, self._active_goals:
+        with self._changing, self._settling:
             if not self._stopped:
                 do()
 

@@ -392,7 +392,7 @@ def query_handler(plugin: AccessiblePlugin, environment: Environment, handler: H
     def answer(request: Request[Any]) -> Any:
         try:
             with plugin.turn:
-                if not plugin.holds(environment) or plugin.state not in (PluginState.ACTIVE, PluginState.HALTED):
+                if not plugin.holds(environment) or not plugin.state.is_running:
                     raise CallError(ErrorCode.INACTIVE, f"{plugin.name} is {plugin.state}: {plugin.state_reason}")
                 return handler(request)
         except PluginError as error:

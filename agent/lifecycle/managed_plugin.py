@@ -159,8 +159,7 @@ class ManagedPlugin:
         """
         if self.state is PluginState.ACTIVE and self.instance is not None:
             return self.instance.plugin
-        kind = PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive
-        raise kind(self.name, f"{self.name} is {self.state}{f': {self.state_reason}' if self.state_reason else ''}")
+        raise self._inactive(PluginUnloaded if self.state is PluginState.UNLOADED else PluginInactive)
 
     def holds(self, environment: Environment) -> bool:
         """Whether the instance that was given this is the one that is there now."""
@@ -374,10 +373,11 @@ class ManagedPlugin:
 
     def _there(self) -> Instance:
         if self.instance is None:
-            raise PluginInactive(
-                self.name, f"{self.name} is {self.state}{f': {self.state_reason}' if self.state_reason else ''}"
-            )
+            raise self._inactive(PluginInactive)
         return self.instance
+
+    def _inactive(self, kind: type[PluginInactive]) -> PluginInactive:
+        return kind(self.name, f"{self.name} is {self.state}{f': {self.state_reason}' if self.state_reason else ''}")
 
     def _check_there(self, environment: Environment) -> None:
         if environment.has_gone:

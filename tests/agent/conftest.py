@@ -2,7 +2,8 @@
 
 import logging
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,13 @@ import pytest
 import zenoh
 
 from robrain.agent.authoring.testing import HostBench
-from robrain.agent.host.agent_host import AgentHost
+from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.agent.manifest import find_manifests
 from robrain.agent.plugin import Plugin
+from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_lockstep_session
 
 PRELUDE = """
@@ -46,6 +50,12 @@ class Bench(HostBench):
         path.write_text(_as_toml(tables), encoding="utf-8")
         return path
 
+    def add(self, robot_file: RobotFile, *, seed: int = 0) -> AgentHost:
+        """A host for a robot, not yet started; it does not search what is installed."""
+        host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed, **stock_alone())
+        self.hosts.append(host)
+        return host
+
     def host(
         self, *load: str, robot: str = "r1", seed: int = 0, parameters: dict[str, dict[str, Any]] | None = None
     ) -> AgentHost:
@@ -69,6 +79,23 @@ class Bench(HostBench):
         plugin = self.hosts[-1].manager.get(name).plugin
         assert isinstance(plugin, Plugin)
         return plugin
+
+
+def stock_alone() -> dict[str, Any]:
+    """For an `AgentHost`: the plugins of robrain, found once a process, and none of other distributions."""
+    return {"distributions": [], "manifests": {stock_place(): list(_stock_manifests())}}
+
+
+@cache
+def _stock_manifests() -> list[Path]:
+    return find_manifests(stock_place())
+
+
+def refused(call: Callable[..., object], /, *args: Any, **kwargs: Any) -> CallError:
+    """The error with which a call is refused."""
+    with pytest.raises(CallError) as refusal:
+        call(*args, **kwargs)
+    return refusal.value
 
 
 def _as_toml(tables: dict[str, dict[str, Any]]) -> str:

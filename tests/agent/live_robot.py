@@ -12,6 +12,7 @@ from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import open_lockstep_session
+from tests.agent.conftest import stock_alone
 from tests.patient_endpoint import PatientEndpoint
 from tests.waiting import PATIENCE_S, until
 
@@ -31,7 +32,7 @@ class LiveRobot:
         self._space_of, self._threads = space_of, threads
         self.session = open_lockstep_session()
         robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=list(load)))
-        self.host = AgentHost(robot_file, place, self.session, LiveClock(), Drive.LIVE)
+        self.host = AgentHost(robot_file, place, self.session, LiveClock(), Drive.LIVE, **stock_alone())
         self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
         self._stopping, self.ready = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=run_agent, args=(self.host, self._stopping.is_set, self.ready.set))

@@ -45,24 +45,6 @@ def test_it_is_begun_when_the_one_before_has_ended_by_itself_and_both_are_told(d
     assert not desk.go_on(0)
 
 
-def test_to_begin_what_is_held_is_no_word_of_the_coordinator_and_the_lease_goes_on(desk, explorer):
-    hold(desk)
-    desk.end("t1", TaskState.DONE)
-    assert desk.go_on(to_ns(4.0))
-    desk.check_lease(to_ns(4.9))
-    assert desk.facts.task.state is TaskState.RUNNING
-    desk.check_lease(to_ns(5.1))
-    assert desk.facts.task.state is TaskState.CANCELLED
-    assert explorer.let_go_of == ["the coordinator is silent, the lease ran out"]
-
-
-def test_what_is_for_after_a_task_that_the_robot_is_not_at_is_refused(desk, explorer):
-    assert hold(desk, after="t0").reason == Plain("not_at_task", task="t0")
-    desk.halted()
-    assert hold(desk).reason == Plain("not_at_task", task="t1")
-    assert RobotTasks().offer(offer(after="t0"), 0).reason == Plain("not_at_task", task="t0")
-
-
 @pytest.mark.parametrize("answer", [NO, RuntimeError("no way there")])
 def test_a_held_task_that_is_refused_when_its_turn_comes_is_cancelled_with_why(desk, explorer, answer):
     hold(desk)

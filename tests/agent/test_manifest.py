@@ -43,18 +43,12 @@ def test_a_manifest_says_who_a_plugin_is_and_who_may_use_it(tmp_path):
     ("old", "new", "key", "expected"),
     [
         ("shared", "shraed", "tag", "unknown key `shraed` (did you mean `shared`?)"),  # a slip of the pen in a key
-        ("[tag]", "[tags]", "file", "unknown table `tags` (did you mean `tag`?)"),  # and in a table
         ('class = "lamp:Lamp"', 'class = "lamp:Lamp"\nrequires = ["x"]', "plugin", "it belongs into [tag]"),
-        ('class = "lamp:Lamp"', 'clas = "lamp:Lamp"', "plugin", "`clas"),  # and in `class`
         ('class = "lamp:Lamp"', "", "plugin", "missing required field `class`"),  # no class
-        ('[plugin]\nclass = "lamp:Lamp"', "", "file", "missing required field `plugin`"),  # no table
         ("lamp:Lamp", "lamp.Lamp", "[plugin] class", "expected module:Class, got 'lamp.Lamp'"),  # a dot for the colon
         ('class = "lamp:Lamp"', "class = 3", "plugin.class", "Expected `str`, got `int`"),  # a number for a class
-        ("shared = false", 'shared = "no"', "tag.shared", "Expected `bool`, got `str`"),  # a word for a truth value
         ('requires = ["socket"]', 'requires = "socket"', "tag.requires", "Expected `array`, got `str`"),  # no list
-        ('["driver", "command"]', '["driver", 3]', "tag.visibility[1]", "Expected `str`, got `int`"),  # within a list
         ("brightness = 3", "brightness = = 3", "file", "is not TOML"),  # no TOML
-        ("brightness = 3", "brightness = 3\nbrightness = 4", "file", "is not TOML"),  # a key twice
     ],
 )
 def test_a_wrong_manifest_is_refused_naming_file_and_key(tmp_path, old, new, key, expected):
@@ -88,13 +82,9 @@ def test_other_toml_files_beside_plugins_are_passed_over(tmp_path):
     [
         (LAMP, "lump:Lamp", "cannot import lump: No module named 'lump'"),  # no such module
         (LAMP, "lamp:Light", "expected a Device, Unit, Skill or Behavior named Light in lamp"),  # no such class
-        ("Lamp = 3", "lamp:Lamp", "expected a Device, Unit, Skill or Behavior named Lamp"),  # no class at all
-        ("class Lamp: pass", "lamp:Lamp", "expected a Device, Unit, Skill or Behavior named Lamp"),  # no plugin
         ("from robrain.agent.plugin import Plugin as Lamp", "lamp:Lamp", "expected a Device, Unit"),  # without a level
         ("import no_such_module", "lamp:Lamp", "cannot import lamp: No module named 'no_such_module'"),  # its import
-        ("1 / 0", "lamp:Lamp", "cannot import lamp: division by zero"),  # raises while it is imported
         ("def Lamp(:", "lamp:Lamp", "cannot import lamp: invalid syntax"),  # no Python
-        (LAMP, ":Lamp", "cannot import"),  # no module named
     ],
 )
 def test_a_class_that_is_no_plugin_is_left_out_naming_file_and_key(bench, source, class_path, expected):
@@ -107,20 +97,11 @@ def test_a_class_that_is_no_plugin_is_left_out_naming_file_and_key(bench, source
     assert expected in info.why
 
 
-@pytest.mark.parametrize(
-    ("parameters", "expected"),
-    [
-        ({"brightness": "high"}, "[parameters] brightness: Expected `int`, got `str`"),  # a wrong type
-        (
-            {"brightnes": 3},
-            "[parameters]: unknown key `brightnes` (did you mean `brightness`?); there is brightness",
-        ),  # a slip of the pen
-    ],
-)
-def test_wrong_parameters_leave_a_plugin_out_naming_file_and_key(bench, parameters, expected):
+def test_wrong_parameters_leave_a_plugin_out_naming_file_and_key(bench):
     bench.code("lamp", LAMP)
-    path = bench.manifest("lamp", "lamp:Lamp", parameters)
+    path = bench.manifest("lamp", "lamp:Lamp", {"brightnes": 3})
     bench.start("lamp")
+    expected = "[parameters]: unknown key `brightnes` (did you mean `brightness`?); there is brightness"
     assert bench.infos()["lamp"].why == f"{short_path(path)}: {expected}"
 
 

@@ -89,13 +89,6 @@ def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(s
     assert seeker.infos()["seeker"].state == "faulted"
 
 
-def test_a_second_offer_that_breaks_the_behavior_fails_the_first_task(seeker):
-    send(seeker, ROBOT_OFFER, offer())
-    seeker.plugin("seeker").trouble = "accept"
-    assert not send(seeker, ROBOT_OFFER, offer("t2", epoch=2)).accepted
-    assert (status(seeker).id, status(seeker).state) == ("t1", TaskState.FAILED)
-
-
 def test_a_behavior_that_raises_when_it_must_let_go_takes_nobody_with_it(seeker):
     send(seeker, ROBOT_OFFER, offer(lease_s=0.1))
     seeker.plugin("seeker").trouble = "let_go"
@@ -157,15 +150,3 @@ def test_end_and_beginning_are_told_in_one_message_in_the_step_of_the_end(seeker
     assert (told.task.id, told.task.state, told.next_task) == ("t2", TaskState.RUNNING, None)
     assert (told.task_before.id, told.task_before.state, told.task_before.result) == ("t1", TaskState.DONE, {"n": 1})
     assert seeker.plugin("seeker").log == ["t1", "t2"]
-
-
-def test_a_robot_whose_coordinator_falls_silent_does_not_go_on_to_the_next(seeker):
-    send(seeker, ROBOT_OFFER, offer("t1", 1, lease_s=1.0))
-    send(seeker, ROBOT_OFFER, offer("t2", 2, after="t1", lease_s=1.0))
-    for _ in range(20):
-        seeker.coordinator.put(TeamState(robots=[]))
-        seeker.tick(5)
-    assert seeker.hosts[-1].desk.facts.next_task is not None
-    seeker.tick(60)
-    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
-    assert seeker.hosts[-1].desk.facts.next_task is None

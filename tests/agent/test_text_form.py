@@ -1,7 +1,6 @@
 import contextlib
 import enum
 import json
-import math
 import uuid
 from typing import Annotated, Any, Literal, NewType
 
@@ -11,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.agent.host.command_door import Question, TextCall, parse_call, parse_command
-from robrain.agent.text_form import encode_own, parse_argument, parse_value, print_value, register_text_form
+from robrain.agent.text_form import encode_own, parse_value, print_value, register_text_form
 from robrain.protocol.errors import CallError, ErrorCode
+from tests.agent.conftest import refused
 
 
 class Complex:
@@ -65,14 +65,11 @@ SUPPORTED: list[tuple[Any, st.SearchStrategy[Any]]] = [
     (Gear, st.sampled_from(Gear)),
     (Level, st.sampled_from(Level)),
     (Literal["a b", "null", 3], st.sampled_from(["a b", "null", 3])),
-    (int | None, st.none() | st.integers()),
-    (str | None, st.none() | st.text()),
     (float | bool, st.booleans() | st.floats(allow_nan=False)),
     (bytes, st.binary()),
     (uuid.UUID, st.uuids()),
     (Metres, st.floats(allow_nan=False)),
     (list[int], st.lists(st.integers(-(2**63), 2**63))),
-    (list[str], st.lists(st.text())),
     (dict[str, float], st.dictionaries(st.text(), st.floats(allow_nan=False, allow_infinity=False))),
     (Complex, st.builds(Complex, st.integers(), st.integers())),
     (list[Complex], st.lists(st.builds(Complex, st.integers(), st.integers()))),
@@ -104,32 +101,19 @@ def test_what_is_printed_is_read_as_the_same_value_again(hint, values):
     ("text", "hint", "value"),
     [
         (" 7 ", int, 7),  # blanks around
-        ("+7", int, 7),
-        ("7", float, 7.0),
-        ("1e3", float, 1000.0),
         ("True", bool, True),  # as Python writes it
         ("hello you", str, "hello you"),  # bare
         ('"hello, \\"you\\""', str, 'hello, "you"'),  # quoted as in JSON
         ("'say \"hi\"'", str, 'say "hi"'),  # in single quotes, as it stands
         ("''", str, ""),
-        ("'c:\\n'", str, "c:\\n"),
-        ("o'clock", str, "o'clock"),
-        ("None", type(None), None),
         ("slow", Gear, Gear.SLOW),  # by value
         ("SLOW", Gear, Gear.SLOW),  # by name
-        ("2", Level, Level.HIGH),
         ("HIGH", Level, Level.HIGH),
-        ("null", int | None, None),
         ("5", int | str, 5),  # what it spells
         ('"5"', int | str, "5"),  # quotes say that text is meant
-        ("five", int | str, "five"),
-        ("[1, 2]", list[int], [1, 2]),
         ('{"x_m": 1}', Place, Place(1.0)),
         ('{"x_m": 1, "value": "(1, 2)"}', Place, Place(1.0, "", Complex(1, 2))),  # one's own type within JSON
-        ("(1, 2)", Complex, Complex(1, 2)),
         ("(1, 2)", Complex | None, Complex(1, 2)),
-        ("3", Annotated[int, msgspec.Meta(ge=0)], 3),
-        ("[1, 2]", Any, [1, 2]),
         ("just words", Any, "just words"),
     ],
 )
@@ -142,26 +126,17 @@ def test_text_means_what_the_type_hint_expects(text, hint, value):
     ("text", "hint", "complaint"),
     [
         ("seven", int, "expected a whole number, got 'seven'"),
-        ("1.0", int, "expected a whole number"),
         ("1_000", int, "expected a whole number"),  # Python's own habit
         ("٣", int, "expected a whole number"),  # digits that few can type
         ("fast", float, "expected a number, got 'fast'"),
-        ("1_0", float, "expected a number"),
         ("yes", bool, "expected true or false, got 'yes'"),
-        ("something", type(None), "expected null"),
         ('"open', str, "expected one text between double quotes"),
-        ("'open", str, "expected one text between single quotes"),
-        ('"one" two', str, "expected one text between double quotes"),
         ('"\\ud800"', str, "surrogates not allowed"),
         ("middle", Gear, "expected one of slow, fast, got 'middle'"),
-        ("c", Literal["a", "b"], "expected one of a, b, got 'c'"),
         ("-1", Annotated[int, msgspec.Meta(ge=0)], ">= 0"),
-        ("[1, true]", list[int], "Expected `int`, got `bool` at `$[1]`"),
         ("[1,", list[int], "expected a list[int] as JSON"),
         ("[" * 100_000, list[Any], "as JSON"),  # nested too deep
-        ("{}", Place, "missing required field `x_m`"),
         ("(1)", Complex, "expected a Complex, got '(1)'"),
-        ('{"x_m": 1, "value": "(1)"}', Place, "expected a Complex, got '(1)'"),
         ('{"x_m": 1, "value": 3}', Place, "expected text, got int"),
         ("x", int | float, "expected a whole number, got 'x'; or expected a number, got 'x'"),
         ("9" * 5000, int, "9999"),  # more digits than Python takes
@@ -180,11 +155,6 @@ def test_text_that_means_nothing_is_refused_in_words(text, hint, complaint):
 def test_any_text_is_a_value_or_a_value_error(text, hint):
     with contextlib.suppress(ValueError):
         parse_value(text, hint)
-
-
-def test_infinite_and_undefined_numbers_have_words():
-    assert print_value(math.inf) == "inf"
-    assert math.isnan(parse_value(print_value(math.nan), float))
 
 
 def test_a_struct_may_have_a_text_form_beside_its_json():
@@ -220,17 +190,14 @@ def test_a_type_without_a_form_says_how_it_gets_one():
 @pytest.mark.parametrize(
     ("text", "arguments"),
     [
-        ("call driver drive", []),  # no brackets
         ("call driver drive()", []),
         (" call  driver\tdrive ( ) ", []),  # blanks anywhere
-        ("call driver drive(1.0)", ["1.0"]),
         ("call driver drive(1.0, 2)", ["1.0", "2"]),
         ('call driver drive(distance_m=1.0, "a b")', ["distance_m=1.0", '"a b"']),
         ('call driver drive("a, b)", \'c, "d\')', ['"a, b)"', "'c, \"d'"]),  # commas and brackets within quotes
         (r'call driver drive("a\", b")', [r'"a\", b"']),  # a quote within quotes
         ("call driver drive((1, 2), [3, {4: 5}])", ["(1, 2)", "[3, {4: 5}]"]),  # within brackets
         ("call driver drive(two words, o'clock)", ["two words", "o'clock"]),  # bare words
-        ("call driver drive(name='a, b')", ["name='a, b'"]),
     ],
 )
 def test_a_call_is_taken_apart(text, arguments):
@@ -238,38 +205,23 @@ def test_a_call_is_taken_apart(text, arguments):
 
 
 @pytest.mark.parametrize(
-    ("text", "question"),
-    [("list", Question("list")), (" help ", Question("help")), ("help driver", Question("help", "driver"))],
-)
-def test_questions_are_understood(text, question):
-    assert parse_command(text) == question
-
-
-@pytest.mark.parametrize(
     ("text", "complaint"),
     [
         ("", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
-        ("fly", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
-        ("call", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
         ("call driver", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
-        ("call driver (1)", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),  # no function
         ("callx driver drive", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
-        ("list all", "expected `call PLUGIN FUNCTION(ARGUMENTS)`"),
         ("call driver drive 1", "expected ( after drive, got '1'"),
         ("call driver drive(1", "expected ) before the end of '(1'"),
         ('call driver drive("1)', 'expected " before the end'),
         ("call driver drive([1)", ") without its opening bracket"),
         ("call driver drive(1))", "expected nothing after the closing ), got ')'"),
-        ("call driver drive(1) now", "expected nothing after the closing ), got 'now'"),
         ("call driver drive(1,,2)", "argument 2 is empty"),
-        ("call driver drive(1,)", "argument 2 is empty"),
     ],
 )
 def test_what_is_no_command_is_refused_in_words(text, complaint):
-    with pytest.raises(CallError) as refusal:
-        parse_command(text)
-    assert refusal.value.code is ErrorCode.BAD_ARGUMENTS
-    assert complaint in str(refusal.value)
+    error = refused(parse_command, text)
+    assert error.code is ErrorCode.BAD_ARGUMENTS
+    assert complaint in str(error)
 
 
 @pytest.mark.slow
@@ -291,19 +243,3 @@ def test_any_text_is_a_command_or_bad_arguments(text):
 def test_quoted_arguments_arrive_as_they_were_meant(texts):
     call = parse_call(f"call a b({', '.join(map(json.dumps, texts))})")
     assert [parse_value(word, str) for word in call.arguments] == texts
-
-
-@pytest.mark.parametrize(
-    ("word", "argument"),
-    [
-        ("1.0", (None, "1.0")),
-        ("a=1.0", ("a", "1.0")),
-        ("a = 1.0", ("a", "1.0")),
-        ("a=", ("a", "")),
-        ('"a=b"', (None, '"a=b"')),  # quoted: no name
-        ("a==b", (None, "a==b")),
-        ("1=b", (None, "1=b")),
-    ],
-)
-def test_an_argument_may_have_a_name(word, argument):
-    assert parse_argument(word) == argument

@@ -31,17 +31,12 @@ def paper(tmp_path: Path) -> Transform:
     ("said", "got"),
     [
         ("BEGIN", "1"),  # BEGIN>1
-        ("END", "END"),  # only outgoing
-        ("0", "0"),
         ("ROSES", "2"),  # ROSES=2
         ("count=ROSES", "count=2"),  # the value of a named argument
         ("[BEGIN, ROSES]", "[1, 2]"),  # each whole word
         ("BEGINNING", "BEGINNING"),  # but no part of one
-        ("RE-BEGIN", "RE-BEGIN"),
         ('"BEGIN"', '"BEGIN"'),  # nor within quotes
-        ("'BEGIN ROSES'", "'BEGIN ROSES'"),
         ("o'BEGIN", "o'1"),  # an apostrophe does not begin quotes
-        ("begin", "begin"),  # as written
     ],
 )
 def test_incoming_words_become_the_plugins(tmp_path, said, got):
@@ -52,11 +47,8 @@ def test_incoming_words_become_the_plugins(tmp_path, said, got):
     ("said", "got"),
     [
         ("0", "END"),  # END<0
-        ("1", "1"),  # only incoming
         ("2", "ROSES"),  # ROSES=2, the other way round
         ("[0, 2, 20]", "[END, ROSES, 20]"),
-        ("2.0", "2.0"),
-        ("-2", "-2"),
         ('{"0": 0}', '{"0": END}'),
     ],
 )
@@ -68,12 +60,8 @@ def test_outgoing_words_become_the_callers(tmp_path, said, got):
     ("table", "key", "complaint"),
     [
         ('incoming = { "TWO WORDS" = "1" }', "transform", "expected one word"),
-        ('both = { "" = "1" }', "transform", "expected one word"),
-        ("both = { A = '\"1\"' }", "transform", "expected one word"),
-        ("incoming = { A = 1 }", "transform.incoming", "Expected `str`, got `int`"),
         ('incoming = { A = "1" }\nboth = { A = "2" }', "transform", "two for A"),  # one word, two meanings
         ('both = { A = "2", B = "2" }', "transform", "two for 2"),  # which of them comes out?
-        ('both = { A = "2" }\noutgoing = { 2 = "B" }', "transform", "two for 2"),
         ('inwards = { A = "1" }', "transform", "unknown key `inwards`"),
     ],
 )

@@ -5,7 +5,6 @@ What is marked as an expected failure is a hole: the test says what should hold.
 
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Protocol
 
 import msgspec
@@ -17,7 +16,6 @@ from robrain.agent.errors import AccessDenied, ManifestError, PluginBusy, Plugin
 from robrain.agent.event import Event
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.plugin_manager import PluginManager
-from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.access import Handle
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.agent.lifecycle.plugin_code import import_code
@@ -25,15 +23,14 @@ from robrain.agent.lifecycle.transitions import Trigger
 from robrain.agent.manifest import read_manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.robot_tasks import RobotTasks
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import HOST_HOLD, HoldRequest
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_EVENT
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
-from tests.agent.conftest import Bench
-from tests.patient_endpoint import PatientEndpoint
+from tests.agent.conftest import Bench, refused
+from tests.agent.live_robot import LiveRobot
 from tests.waiting import PATIENCE_S
 
 
@@ -49,6 +46,9 @@ LAB = """
 
     class TakerInterface(Protocol):
         def take(self, switch: SwitchInterface) -> None: ...
+
+    import threading
+    GO = threading.Event()
 
     class Switch(Device):
         interface = SwitchInterface
@@ -244,9 +244,7 @@ def test_one_python_process_is_one_trust_domain_and_who_means_to_forge_its_name_
 def test_on_the_wire_a_name_is_what_the_asker_says(lab, env):
     request = HoldRequest(plugin="switch", by="ann", lease_s=1.0)
     lab.wire.ask(HOST_HOLD, request, robot="r1")
-    with pytest.raises(CallError) as refused:
-        env.wire.ask(ROBOT_CALL, robot="r1", plugin="switch", function="press")
-    assert refused.value.code is ErrorCode.BUSY
+    assert refused(env.wire.ask, ROBOT_CALL, robot="r1", plugin="switch", function="press").code is ErrorCode.BUSY
     assert env.wire.ask(ROBOT_CALL, by="ann", robot="r1", plugin="switch", function="press") == b"1"
 
 
@@ -295,48 +293,34 @@ ISOLATED = """
 """
 
 
-class IsolatedLab:
+@pytest.fixture(scope="module")
+def isolated(tmp_path_factory) -> Iterator[LiveRobot]:
     """A robot in live, whose `stranger` runs in a process of its own; `friend` holds `switch`."""
-
-    def __init__(self, place: Path) -> None:
-        self.session = open_lockstep_session()  # reaches nobody else
-        files = Bench(place, self.session)
+    with open_lockstep_session() as session:
+        files = Bench(tmp_path_factory.mktemp("isolated"), session)
         files.code("lab", LAB)
         files.code("alone", ISOLATED)
         files.manifest("switch", "lab:Switch", visibility=["friend"])
         files.manifest("lamp", "lab:Switch", visibility=["stranger"], shared=False)
         files.manifest("friend", "lab:User", requires=["switch"])
-        patient = {"hang_s": PATIENCE_S, "start_s": 4 * PATIENCE_S}
-        files.manifest("stranger", "alone:Stranger", requires=["switch", "lamp"], visibility=["command"], **patient)
-        stranger = place / "stranger.toml"
-        stranger.write_text(stranger.read_text() + '\nisolation = "process"\n')
+        tag = {"visibility": ["command"], "isolation": "process", "hang_s": PATIENCE_S, "start_s": 4 * PATIENCE_S}
+        files.manifest("stranger", "alone:Stranger", requires=["switch", "lamp"], **tag)
         files.close()
-        robot_file = RobotFile(robot=RobotTable("r1", places=[str(place)], load=["stranger", "friend"]))
-        self.host = AgentHost(robot_file, Path(), self.session, LiveClock(), Drive.LIVE)
-        self.host.start()
-        self.wire = PatientEndpoint(self.session, "default", LiveClock(), Drive.LIVE)
-
-    def call(self, function):
-        return msgspec.json.decode(self.wire.ask(ROBOT_CALL, robot="r1", plugin="stranger", function=function))
-
-    def close(self) -> None:
-        self.wire.close()
-        self.host.close()
-        self.session.close()
+    robot = LiveRobot(files.place, ["stranger", "friend"], space_of="switch", threads="plugin-")
+    assert robot.ready.wait(4 * PATIENCE_S)
+    yield robot
+    robot.close()
 
 
-@pytest.fixture(scope="module")
-def isolated(tmp_path_factory) -> Iterator[IsolatedLab]:
-    lab = IsolatedLab(tmp_path_factory.mktemp("isolated"))
-    yield lab
-    lab.close()
+def told(isolated, function):
+    return msgspec.json.decode(isolated.call("stranger", function))
 
 
 @pytest.mark.slow
 def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
-    assert isolated.call("process") == isolated.host.manager.get("stranger").plugin.pid
-    assert isolated.call("own") == 1
-    assert isolated.call("found") == ["Stranger"]
+    assert told(isolated, "process") == isolated.plugin("stranger").pid
+    assert told(isolated, "own") == 1
+    assert told(isolated, "found") == ["Stranger"]
 
 
 @pytest.mark.parametrize(
@@ -352,8 +336,8 @@ def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
 )
 def test_an_isolated_plugin_has_the_connection_of_its_own_name_and_no_other(isolated, way, text):
     with pytest.raises(CallError, match=text):
-        isolated.call(way)
-    assert isolated.host.manager.get("switch").plugin.presses == 0
+        told(isolated, way)
+    assert isolated.plugin("switch").presses == 0
 
 
 @pytest.mark.parametrize(

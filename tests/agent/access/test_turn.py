@@ -137,18 +137,12 @@ def probe(bench):
     return bench
 
 
-def test_call_from_outside_has_the_plugins_lock_while_it_runs_and_gives_it_back(probe):
+def test_call_from_outside_has_the_plugins_lock_unless_the_function_needs_none(probe):
     assert probe.call("probe", "locked") == 1
-    assert probe.hosts[-1].manager.get("probe").turn.depth == 0
-
-
-def test_function_that_needs_no_lock_is_called_without_it(probe):
     assert probe.call("probe", "free") == 0
-
-
-@pytest.mark.parametrize("argument", [3, "three"])
-def test_name_of_several_functions_takes_the_lock_unless_none_of_them_needs_it(probe, argument):
-    assert probe.call("probe", "twice", [argument]) == 1
+    for argument in (3, "three"):  # a name of several functions, of which one needs it
+        assert probe.call("probe", "twice", [argument]) == 1
+    assert probe.hosts[-1].manager.get("probe").turn.depth == 0
 
 
 def test_call_that_raises_gives_the_lock_back(probe):

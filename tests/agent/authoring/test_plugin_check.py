@@ -92,8 +92,6 @@ def test_there_is_nothing_to_say_of_the_stock_plugins_and_the_examples():
     ("text", "key", "message"),
     [
         ('[plugin]\nclass = "lamps:Lamp"\n[tag]\nshraed = true', "tag", "unknown key `shraed` (did you mean"),
-        ('[plugin]\nclass = "lamps.Lamp"', "[plugin] class", "expected module:Class"),
-        ("= broken", "file", "is not TOML"),
         ('[plugn]\nclass = "lamps:Lamp"\n[tag]\nshared = true', "file", "expected a table [plugin]"),  # passed over
     ],
 )
@@ -118,12 +116,6 @@ def test_taking_the_place_of_a_stock_plugin_is_worth_a_warning(lamps):
     ((path, _, message),) = found(lamps)
     assert path == "battery.toml"
     assert message.startswith("warning: takes the place of battery in ")
-
-
-def test_an_empty_folder_is_told(bench):
-    ((_, key, message),) = found(bench)
-    assert key == "folder"
-    assert "no manifest in it" in message
 
 
 # -- classes and parameters -------------------------------------------------------------------------------------
@@ -152,10 +144,8 @@ class Other(Unit):
     ("source", "message"),
     [
         ("import no_such_module", "cannot import other: No module named 'no_such_module' (other.py, line "),
-        ("def half():\n    return 1 / 0\nhalf()", "cannot import other: division by zero (other.py, line "),
         ("def Other(:", "cannot import other: invalid syntax (other.py, line "),
         ("raise SystemExit(3)", "cannot import other: it calls exit() (other.py, line "),
-        ("class Another(Unit): pass", "expected a Device, Unit, Skill or Behavior named Other"),
         ("class Other: pass", "expected a Device, Unit, Skill or Behavior named Other"),
         (UNTOLD.replace("HINT", "'Nothing'"), "the external functions of Other: name 'Nothing' is not defined"),
         (UNTOLD.replace("HINT", "type(lambda: 0)"), "the external functions of Other: "),
@@ -204,8 +194,6 @@ PERIOD = "expected a number of seconds above 0, or None, got"
     [
         (["Parameters = dict"], "Evening.Parameters", "expected a struct"),
         (["period_s = 0", "def step(self): pass"], "Evening.period_s", f"{PERIOD} 0"),
-        (["period_s = -1.5", "def step(self): pass"], "Evening.period_s", f"{PERIOD} -1.5"),
-        (["period_s = '1 s'", "def step(self): pass"], "Evening.period_s", f"{PERIOD} '1 s'"),
         (["period_s = float('nan')", "def step(self): pass"], "Evening.period_s", f"{PERIOD} nan"),
         (["def step(self): return self.period_s"], "Evening.step", "warning: is never called"),
         (["period_s = 1.0"], "Evening.period_s", "warning: there is no step"),
@@ -235,20 +223,10 @@ def test_a_visibility_that_no_plugin_has_is_found(lamps):
     [
         ("def dim(self", "def dimm(self", "dim", "LampInterface has the function dim, Lamp has not"),
         ("dim(self, to: int, *,", "dim(self, to: int, hard: int, *,", "dim", "cannot be called as"),  # one too many
-        ("dim(self, to: int, *,", "dim(self, *,", "dim", "cannot be called as"),  # one too few
-        ("dim(self, to: int, *,", "dim(self, level: int, *,", "dim", "cannot be called as"),  # another name
         ("slowly: bool = False) -> int:\n", "slowly: bool) -> int:\n", "dim", "cannot be called as"),  # no default
-        (
-            "dim(self, to: int, *,",
-            "dim(self, to: str, *,",
-            "dim",
-            "takes str for to, LampInterface promises to take int",
-        ),
+        ("dim(self, to: int, *,", "dim(self, to: str, *,", "dim", "takes str for to, LampInterface promises to take"),
         ("= False) -> int:\n", "= False) -> str:\n", "dim", "returns str, LampInterface promises int"),
-        ("= False) -> int:\n", "= False) -> None:\n", "dim", "returns NoneType, LampInterface promises int"),
-        ("= False) -> int:\n", "= False) -> int | None:\n", "dim", "returns int | None"),
         ("dimmed = Event[int]()", "", "dimmed", "LampInterface has the event dimmed, Lamp has not"),
-        ("dimmed = Event[int]()", "dimmed = 3", "dimmed", "LampInterface has the event dimmed, Lamp has not"),
         ("self.brightness = 0", "pass", "brightness", "LampInterface has brightness, Lamp has not"),
         ("interface = LampInterface", "interface = 3", "interface", "expected a Protocol, got 3"),
     ],
@@ -284,18 +262,13 @@ def test_a_function_may_do_more_than_its_interface_promises(lamps, signature):
 @pytest.mark.parametrize(
     ("promised", "own", "fits"),
     [
-        ("(self, x: list[int]) -> None", "(self, x: list[int]) -> None", True),
         ("(self, x: list[int]) -> None", "(self, x: list[str]) -> None", False),
         ("(self, x: dict[str, int]) -> None", "(self, x: dict) -> None", True),
         ("(self, x: Circle) -> None", "(self, x: Shape) -> None", True),  # takes more
         ("(self, x: Shape) -> None", "(self, x: Circle) -> None", False),  # takes less
-        ("(self) -> Shape", "(self) -> Circle", True),  # promises more
-        ("(self) -> Circle", "(self) -> Shape", False),  # promises less
         ("(self) -> Circle | None", "(self) -> Circle", True),
         ("(self, x: int, /) -> None", "(self, other: int, /) -> None", True),  # its name is nobody's business
         ("(self, x: int, y: int) -> None", "(self, y: int, x: int) -> None", False),  # the other way round
-        ("(self, *xs: int) -> None", "(self, *xs: int) -> None", True),
-        ("(self) -> None", "(self) -> int", True),  # nobody looks at it
     ],
 )
 def test_types_and_places_of_parameters_are_compared(bench, promised, own, fits):
@@ -327,31 +300,22 @@ def test_a_requirement_that_nobody_provides_is_found_and_the_likely_one_named(la
     assert "chandelier" in other[2]
 
 
-@pytest.mark.parametrize(
-    ("class_name", "level"),
-    [("Chandelier", "unit"), ("Lamp", "device")],  # the same level, and a lower one that requires a higher
-)
-def test_a_requirement_of_no_lower_level_names_the_level_that_it_needs(lamps, class_name, level):
-    lamps.manifest("other", f"lamps:{class_name}", requires=["chandelier"])
+def test_a_requirement_of_no_lower_level_names_the_level_that_it_needs(lamps):
+    lamps.manifest("other", "lamps:Lamp", requires=["chandelier"])
     lamps.manifest("chandelier", "lamps:Chandelier", visibility=["evening", "other"], requires=["lamp"])
     ((path, key, message),) = found(lamps)
     assert (path, key) == ("other.toml", "[tag] requires")
-    assert message.startswith(f"other ({level}) may not call chandelier (unit): ")
+    assert message.startswith("other (device) may not call chandelier (unit): ")
     assert message.endswith("calls go to lower levels only; make other a skill")
 
 
 def test_a_circle_is_found_once_with_its_full_path(lamps):
     lamps.manifest("lamp", "lamps:Lamp", visibility=["chandelier"], requires=["evening"])
     lamps.manifest("evening", "lamps:Evening", visibility=["lamp"], requires=["chandelier"])
-    circles = [message for _, _, message in found(lamps) if "requires itself" in message]
-    assert len(circles) == 1
-    name, _, path = circles[0].partition(" requires itself: ")
-    assert path in (
-        "lamp → evening → chandelier → lamp",
-        "evening → chandelier → lamp → evening",
-        "chandelier → lamp → evening → chandelier",
-    )
-    assert path.startswith(name)
+    (circle,) = [message for _, _, message in found(lamps) if "requires itself" in message]
+    name, _, path = circle.partition(" requires itself: ")
+    assert path.split(" → ")[0] == path.split(" → ")[-1] == name
+    assert set(path.split(" → ")) == {"lamp", "evening", "chandelier"}
 
 
 def test_two_that_want_an_unshared_plugin_are_worth_a_warning(lamps):

@@ -152,9 +152,6 @@ def test_a_name_that_the_coordinator_has_given_is_refused_and_a_deadline_that_is
         one.consensus.submit(TaskSubmission(task=visit("t2", deadline_ns=one.clock.now_ns())), one.clock.now_ns())
 
 
-# -- what tasks are worth ------------------------------------------------------------------------------------------
-
-
 # -- what it knows ------------------------------------------------------------------------------------------------
 
 
@@ -174,18 +171,14 @@ def test_a_robot_remembers_so_many_open_tasks_and_goes_on_hearing_of_those() -> 
     assert known.may_be_asked
 
 
-def test_tasks_that_a_coordinator_makes_for_itself_are_not_remembered() -> None:
-    known = KnownTasks()
-    known.receive(heard(visit("explore-1", kind="explore")))
-    assert known.open == {}
-
-
-def test_what_is_too_large_to_be_told_to_others_is_not_remembered() -> None:
+def test_what_is_too_large_to_be_told_to_others_and_tasks_of_a_coordinator_itself_are_not_remembered() -> None:
     known = KnownTasks()
     for name, count in (("t1", 10), ("t2", 64)):
         task = visit(name, needs=("camera" * 10,) * count, after=("t" * 60,) * count)
         known.ask(TaskAsked(submission=TaskSubmission(task=task), at_ns=5))
     assert list(known.asked) == ["t1"]
+    known.receive(heard(visit("explore-1", kind="explore")))
+    assert "explore-1" not in known.open
 
 
 def test_as_many_tasks_as_large_as_robots_remember_make_no_ballot_that_is_too_large(one: OneRobot) -> None:
@@ -404,49 +397,29 @@ def test_a_robot_is_new_until_a_coordinator_counts_it_as_up(one: OneRobot) -> No
     assert not any(said.is_new for said in one.run(1.0))
 
 
-def test_a_mate_that_has_just_begun_is_not_counted(one: OneRobot) -> None:
-    alone(one)
-    assert one.consensus.is_leaderless
-    one.says = {"r2": NEW, "r3": {}}
-    one.run(0.2)
-    assert one.consensus.is_leaderless
-    one.says = {"r2": NEW, "r3": NEW}
-    one.run(0.2)
-    assert not one.consensus.is_leaderless
-
-
-def test_a_task_is_not_begun_with_a_mate_that_has_just_begun_alone(one: OneRobot) -> None:
-    """The coordinator may have given it to the third robot."""
+@pytest.mark.parametrize(
+    ("was_coordinated", "says", "is_leaderless"),
+    [
+        (True, {"r2": NEW, "r3": {}}, True),
+        (True, {"r2": NEW, "r3": NEW}, False),  # a teammate that has just begun is not counted
+        (True, {"r2": NEW}, False),  # the coordinator may have given a task to the third robot
+        (True, {"r2": {}}, True),
+        (False, {"r2": {}, "r3": {}}, False),
+        (False, {"r2": {"allocates": True}, "r3": {}}, True),  # one that has just begun joins those that allocate
+        (False, {"r2": {**NEW, "allocates": True}, "r3": {}}, False),  # and does not believe a new one
+        (False, {"r2": NEW, "r3": NEW}, True),  # a new team allocates
+    ],
+)
+def test_majority_that_allocates_without_those_that_have_just_begun(
+    one: OneRobot, was_coordinated, says, is_leaderless
+):
+    one.run(1.0 if was_coordinated else 0.0)
+    one.is_coordinated, one.says = False, says
     one.tell(visit("t1"))
-    one.run(1.0)
-    one.is_coordinated = False
-    one.says = {"r2": NEW}
-    one.run(10.0)
-    assert one.begun == []
-    one.says = {"r2": {}}
-    one.run(10.0)
-    assert one.consensus.is_leaderless
-
-
-def test_one_that_has_just_begun_joins_those_that_allocate(one: OneRobot) -> None:
-    one.is_coordinated = False
-    one.says = {"r2": {}, "r3": {}}
     one.run(3.0)
-    assert not one.consensus.is_leaderless
-    one.says = {"r2": {"allocates": True}, "r3": {}}
-    one.run(0.2)
-    assert one.consensus.is_leaderless
-    assert all(said.allocates for said in one.run(1.0)[1:])
-
-
-@pytest.mark.parametrize(("allocates", "team_allocates"), [(True, False), (False, True)])
-def test_a_new_team_allocates_and_does_not_believe_a_robot_that_does_so_already(
-    one: OneRobot, allocates: bool, team_allocates: bool
-) -> None:
-    one.is_coordinated = False
-    one.says = {"r2": {**NEW, "allocates": allocates}, "r3": {} if allocates else NEW}
-    one.run(3.0)
-    assert one.consensus.is_leaderless is team_allocates
+    assert one.consensus.is_leaderless is is_leaderless
+    assert all(said.allocates is is_leaderless for said in one.run(1.0))
+    assert is_leaderless or one.begun == []
 
 
 def test_robots_tell_which_tasks_a_coordinator_gave_to_one_that_is_silent(one: OneRobot) -> None:

@@ -79,21 +79,6 @@ def test_the_same_again_changes_nothing_and_another_of_that_name_is_refused_with
     assert why == "there is another task t1: place.y_m is 3.0, not 5.0"
 
 
-def test_what_can_never_be_done_fails_in_words_when_a_coordinator_notes_it(lost: LostTeam) -> None:
-    lost.kill()
-    lost.run(3.0)
-    for robot in lost.robots:
-        robot.refuses = {"t1"}
-    kept(lost, visit(after=("t0",)))
-    lost.revive()
-    lost.coordinator.tasks.add(visit("t0").task)
-    lost.coordinator.tasks.move("t0", TaskState.CANCELLED)
-    lost.run(2.0)
-    record = lost.journal.find("t1")
-    assert record.state is TaskState.FAILED
-    assert record.why == "t0, which it waits for, was not done: cancelled"
-
-
 def test_a_robot_that_missed_the_end_is_told_again_and_does_not_begin_it(lost: LostTeam) -> None:
     lost.kill()
     lost.run(3.0)
@@ -145,8 +130,6 @@ def test_what_robots_cannot_do_by_themselves_is_refused_in_words(
     ("asked", "why"),
     [
         (visit("a/b"), "a/b"),
-        (msgspec.structs.replace(visit(), deadline_in_s=-1.0), "deadline_in_s"),
-        (visit(parameters={"speed": 1}), "speed"),
         (
             visit(needs=("camera" * 10,) * 64, after=("t" * 60,) * 64),
             r"t1: expected at most 8192 bytes of JSON, got 8\d{3}",
@@ -251,7 +234,7 @@ def test_a_running_one_is_ended_at_whatever_robot_it_is_cancelled(lost: LostTeam
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tenths", range(20, 40))
+@pytest.mark.parametrize("tenths", range(20, 40, 2))
 def test_one_that_is_done_at_that_moment_is_either_cancelled_or_done_as_the_client_is_told(
     lost: LostTeam, tenths: int
 ) -> None:
@@ -334,18 +317,8 @@ def test_robots_remember_so_many_and_long_words_are_cut(lost: LostTeam) -> None:
 # -- tasks of the coordinator ---------------------------------------------------------------------------------------
 
 
-def test_orphaned_tasks_are_done_once_each(lost: LostTeam) -> None:
-    names = lost.visits(12)
-    lost.run(1.0)
-    lost.kill()
-    lost.run(60.0)
-    assert lost.done == dict.fromkeys(names, 1)
-    assert lost.begun == dict.fromkeys(names, 1)
-    assert all(robot.done for robot in lost.robots)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("after_s", [0.5, 3.0, 8.0, 14.0, 40.0])
+@pytest.mark.parametrize("after_s", [0.5, 8.0, 40.0])
 def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_twice(
     lost: LostTeam, after_s: float
 ) -> None:
@@ -361,6 +334,7 @@ def test_a_coordinator_that_returns_takes_in_what_was_done_and_nothing_is_done_t
     lost.run(80.0)
     assert lost.states() == dict.fromkeys(names, TaskState.DONE)
     assert lost.done == dict.fromkeys(names, 1)
+    assert after_s < 40.0 or all(robot.done for robot in lost.robots)  # robots alone share the work
 
 
 def test_running_tasks_become_those_of_the_coordinator_that_returns(lost: LostTeam) -> None:
@@ -409,18 +383,3 @@ def test_nobody_takes_queued_tasks_while_a_mate_hears_the_coordinator(lost: Lost
     lost.kill()
     lost.run(2.0)
     assert all(robot.consensus.is_leaderless for robot in lost.robots)
-
-
-def test_without_consensus_robots_drop_their_tasks_as_before(lost: LostTeam) -> None:
-    from tests.coordinator.desk_robots import DeskRobot
-
-    plain = DeskRobot(lost, "r9", 8.0)
-    plain.takes_s = 30.0
-    lost.run(1.0)
-    lost.submit(Task(id="t0", kind="visit", place=Point2D(8.0, 4.0)))
-    lost.run(1.0)
-    holder = next(robot for robot in lost.robots if robot.running == "t0")
-    assert holder is plain
-    lost.kill()
-    lost.run(2.0)
-    assert plain.running == ""

@@ -99,21 +99,15 @@ def test_calls_are_refused_before_anything_is_halted(robot, monkeypatch):
     assert "wheels is halted: emergency halt" in diary(robot)
 
 
-def test_nothing_steps_while_the_robot_is_halted(robot):
+def test_a_halt_stays_until_it_is_ended_in_so_many_words_and_nothing_steps_meanwhile(robot):
     halt(robot, halted=True)
     diary(robot).clear()
-    robot.tick(5)
-    assert diary(robot) == []
-
-
-def test_a_halt_stays_until_it_is_ended_in_so_many_words(robot):
-    halt(robot, halted=True)
     robot.tick(500)
     assert set(states(robot).values()) == {"halted"}
+    assert diary(robot) == []
     halt(robot, halted=False)
     assert set(states(robot).values()) == {"active"}
     assert robot.call("a_roam", "ping") == "pong"
-    diary(robot).clear()
     robot.tick()
     assert diary(robot)
 
@@ -169,11 +163,6 @@ def test_what_a_robot_did_before_a_halt_is_over_and_it_is_idle_afterwards(robot)
 # -- who may end it -----------------------------------------------------------------------------------------
 
 
-def say(bench, *, halted, by):
-    bench.halts.put(Halt(halted=halted, by=by))
-    bench.tick()
-
-
 def is_halted(bench):
     return set(states(bench).values()) == {"halted"}
 
@@ -188,7 +177,8 @@ def log(robot):
 def test_a_halt_and_its_end_are_logged_with_who_and_why(robot, log):
     robot.halts.put(Halt(halted=True, by="ann", reason="a cat"))
     robot.tick()
-    say(robot, halted=False, by="ann")
+    robot.halts.put(Halt(halted=False, by="ann"))
+    robot.tick()
     assert log() == [
         ("warning", "halt", "halted by ann: a cat"),
         ("error", "halt", "not stopped in time: arm"),

@@ -324,10 +324,21 @@ def all_run(bench):
     return {name: info.why for name, info in bench.infos().items() if info.state != "active"} == {}
 
 
-@pytest.mark.parametrize("when", ["start", "restart", "reload"])
-@pytest.mark.parametrize("device", ["wheels", "eyes"])
-@pytest.mark.parametrize("moment", MOMENTS, ids=".".join)
-def test_after_a_passing_fault_at_any_moment_of_the_start_every_plugin_runs(chain, moment, device, when):
+USERS_AGAIN = [(plugin, moment) for plugin, moment in MOMENTS if NEEDS[plugin] and moment != "init"]
+"""When `eyes` is started again: its users were put aside. A reload has its own module, without the hooks of `eyes`."""
+AGAIN = [(plugin, moment) for plugin, moment in MOMENTS if plugin == "eyes"] + USERS_AGAIN
+
+
+@pytest.mark.parametrize(
+    ("when", "device", "moment"),
+    [
+        *(("start", device, moment) for device in ("wheels", "eyes") for moment in MOMENTS),
+        *(("restart", "eyes", moment) for moment in AGAIN),
+        *(("reload", "eyes", moment) for moment in USERS_AGAIN),
+    ],
+    ids=str,
+)
+def test_after_a_passing_fault_at_any_moment_of_the_start_every_plugin_runs(chain, when, device, moment):
     def fault():
         chain.manager.get(device).fault(RuntimeError("no frames for 0.5 s"))
 
@@ -343,6 +354,7 @@ def test_after_a_passing_fault_at_any_moment_of_the_start_every_plugin_runs(chai
         chain.hooks[moment] = fault
         chain.manager.reload(device)
     chain.tick(100)
+    assert chain.hooks == {}, "it has faulted at that moment"
     assert all_run(chain)
 
 

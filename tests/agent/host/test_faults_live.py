@@ -2,17 +2,16 @@
 
 import re
 import threading
-from types import SimpleNamespace
 
 import msgspec
 import pytest
 
 from robrain.agent.errors import PluginInactive
-from robrain.agent.host import live_drive
-from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.errors import ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import HOST_UNLOAD
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from tests.agent.conftest import refused
 from tests.agent.live_robot import PATIENCE_S, LiveRobot, until
 
 HANG_S = 0.3
@@ -150,9 +149,7 @@ def test_a_plugin_that_hangs_is_faulted_its_users_put_aside_and_the_rest_goes_on
     assert states(robot)["door"][0] == states(robot)["watch"][0] == "active"
     with pytest.raises(PluginInactive, match="mule is faulted: PluginHung"):
         handle.push()
-    with pytest.raises(CallError) as refused:
-        robot.call("mule", "push")
-    assert refused.value.code is ErrorCode.INACTIVE
+    assert refused(robot.call, "mule", "push").code is ErrorCode.INACTIVE
 
 
 def line_at(robot, where):
@@ -239,45 +236,3 @@ def test_a_restart_is_on_a_fresh_thread_and_the_late_return_has_no_effect(mine):
     assert len([step for step in space["STEPS"] if step[0] == id(old)]) == count
     assert states(robot)["mule"][0] == "active"
     assert msgspec.json.decode(robot.call("mule", "push")) == "pushed"
-
-
-class Wall:
-    """The time that plugins' threads go by, in the hands of the test."""
-
-    def __init__(self):
-        self.now_s = 100.0
-
-    def monotonic(self):
-        return self.now_s
-
-
-def test_a_plugin_loaded_later_steps_even_if_its_start_takes_long(mine, bench, monkeypatch):
-    robot, wall = mine(), Wall()
-    monkeypatch.setattr(live_drive, "time", SimpleNamespace(monotonic=wall.monotonic))
-    bench.code(
-        "late",
-        "import threading\nBEGUN, GO = threading.Event(), threading.Event()\n"
-        "class Late(Device):\n    period_s = 0.01\n    steps = 0\n"
-        "    def init(self):\n        BEGUN.set()\n        GO.wait(600)\n"
-        "    def step(self): self.steps += 1\n",
-    )
-    bench.manifest("late", "late:Late", start_s=PATIENCE_S)
-    load = threading.Thread(target=robot.host.manager.load, args=("late",))
-    load.start()
-    until(lambda: "late" in robot.host.manager.plugins)
-    begun, go = (robot.tag("late").plugin_class.init.__globals__[name] for name in ("BEGUN", "GO"))
-    assert begun.wait(PATIENCE_S)
-    until(lambda: robot.tag("late").mailbox.wake is not None)
-    wall.now_s += 5.0
-    go.set()
-    load.join(PATIENCE_S)
-    late = robot.tag("late").plugin
-    for steps in range(1, 5):
-        until(lambda steps=steps: late.steps == steps)
-        wall.now_s += 0.01
-    assert robot.tag("late").overruns == 0
-    robot.host.manager.unload("late")
-    steps = late.steps
-    wall.now_s += 5.0
-    until(lambda: not any(thread.name == "plugin-late" for thread in threading.enumerate()))
-    assert late.steps == steps

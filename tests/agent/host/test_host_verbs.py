@@ -1,8 +1,6 @@
 """The verbs of a robot's host: each takes only its own requests; unknown ones are refused; others may be installed."""
 
 import json
-import re
-from pathlib import Path
 
 import pytest
 
@@ -132,19 +130,10 @@ def test_a_distribution_brings_a_verb(lab, verbs, install):  # noqa: F811
     assert "did you mean blink?" in refused(lab, "blonk")[1]
 
 
-def test_the_verb_of_the_how_to_counts_plugins(lab, verbs, install):  # noqa: F811
-    page = Path(__file__).parents[3] / "docs" / "how-to" / "host-verbs.md"
-    code = re.search(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)[1]
-    install("counters", {"count": "count_verb:count"}, {"count_verb.py": code}, "robrain.host_verbs")
-    assert ask(lab, "count", b"{}") == b"1"
-    assert ask(lab, "count", b'{"state": "faulted"}') == b"0"
-
-
 @pytest.mark.parametrize(
     ("points", "code", "words"),
     [
         ({"blonk": "blinkers:blink"}, BLINK, "is no HostVerb of that name"),  # its row has another name
-        ({"blonk": "blinkers:run"}, BLINK, "is no HostVerb of that name"),  # a mere function
         ({"blonk": "blinkers:blink"}, "raise RuntimeError('no bulbs')", "RuntimeError: no bulbs"),
     ],
 )

@@ -1,7 +1,7 @@
 """The live drive of one robot, in a thread of the test's own process."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -9,7 +9,7 @@ import pytest
 
 from robrain.agent.host import live_drive
 from robrain.agent.host.agent_host import AgentHost
-from robrain.agent.host.live_drive import run_agent
+from robrain.agent.host.live_drive import SPARE, run_agent
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.agent.lifecycle.managed_plugin import WAITS_S
 from robrain.agent.lifecycle.transitions import Effect
@@ -23,7 +23,7 @@ from tests.waiting import PATIENCE_S, until
 ROBOT = """
     import threading
 
-    GO = threading.Event()
+    GO, ENTERED = threading.Event(), []
 
     class CounterInterface(Protocol):
         ticked: Event[int]
@@ -49,35 +49,41 @@ ROBOT = """
             self.heard = value
             self.thread = threading.current_thread().name
 
+    class Stepping(Device):
+        period_s = 0.02
+        steps = 0
+        def step(self): self.steps += 1
+
+    class Odd(Device):
+        period_s = 0.02
+        def step(self): self.period_s = PERIODS[self.env.plugin]
+    PERIODS = {"odd0": "0.1", "odd1": 0.0, "odd2": float("nan")}
+
     class Slow(Device):
         period_s = 0.005
-        steps = 0
-        def step(self):
-            self.steps += 1
-            self.env.rng.integers(0, 2)
-            threading.Event().wait(0.02)
+        def step(self): threading.Event().wait(0.02)
 
     class Stuck(Device):
         period_s = 0.02
-        stuck = False
         def step(self):
-            self.stuck = True
-            GO.wait()
+            ENTERED.append(self.env.plugin)
+            GO.wait(600)
 
 """
-CLASSES = {"counter": "Counter", "listener": "Listener", "slow": "Slow", "stuck": "Stuck"}
+MANY, HUNG = 12, 4
 
 
 @pytest.fixture
-def start(bench) -> Iterator[type[LiveRobot]]:
+def start(bench) -> Iterator[Callable[..., LiveRobot]]:
+    """Start plugins by their names: each is that of its class, with or without a number."""
     robots = []
     bench.code("robot", ROBOT)
-    for name, class_name in CLASSES.items():
-        requires = ["counter"] if name == "listener" else []
-        tag = {"visibility": ["*", "command"], "requires": requires, "hang_s": PATIENCE_S}
-        bench.manifest(name, f"robot:{class_name}", **tag)
 
     def start(*load):
+        for name in load:
+            requires = ["counter"] if name == "listener" else []
+            tag = {"visibility": ["*", "command"], "requires": requires, "hang_s": PATIENCE_S}
+            bench.manifest(name, f"robot:{name.rstrip('0123456789').title()}", **tag)
         robots.append(LiveRobot(bench.place, load, space_of="counter", threads="plugin-"))
         assert robots[-1].ready.wait(PATIENCE_S)
         return robots[-1]
@@ -95,16 +101,9 @@ def test_steps_happen_on_a_thread_that_has_the_plugins_name_meanwhile(start):
 
 
 def test_events_wake_the_observer_and_are_not_delivered_on_the_notifiers_thread(start):
-    robot = start("listener")
+    robot = start("counter", "listener")
     until(lambda: robot.plugin("listener").heard >= 3)
     assert robot.plugin("listener").thread == "plugin-listener"
-
-
-def test_steps_that_take_longer_than_their_period_are_counted(start):
-    robot = start("slow", "counter")
-    until(lambda: robot.infos()["slow"].overruns >= 3)
-    assert robot.infos()["slow"].overruns <= robot.plugin("slow").steps
-    assert robot.infos()["slow"].period_s == 0.005
 
 
 @pytest.mark.slow
@@ -112,7 +111,7 @@ def test_closing_leaves_no_thread_behind(start):
     before = set(threading.enumerate())
     robot = start("counter", "listener", "slow")
     robot.call("counter", "press")
-    until(lambda: robot.plugin("counter").steps > 0)
+    until(lambda: robot.infos()["slow"].overruns >= 3)
     assert threads_since(before, "plugin-")
     assert threads_since(before, "halt-r1-")
     robot.stop()
@@ -129,8 +128,7 @@ def stuck_robot(start, monkeypatch):
     monkeypatch.setattr(live_drive, "JOIN_TIMEOUT_S", 0.5)
     monkeypatch.setitem(WAITS_S, Effect.ASK, 0.5)
     robot = start("stuck", "counter")
-    stuck = robot.plugin("stuck")
-    until(lambda: stuck.stuck)
+    until(lambda: robot.space["ENTERED"])
     yield robot
     robot.space["GO"].set()
     robot.stop()
@@ -150,6 +148,46 @@ def test_a_plugin_that_hangs_is_left_behind_at_the_end(stuck_robot):
     stuck_robot.stop()
     states = {name: tag.state.value for name, tag in stuck_robot.host.manager.plugins.items()}
     assert states == {"stuck": "faulted", "counter": "inactive"}
+
+
+def numbered(name, count):
+    return [f"{name}{number}" for number in range(count)]
+
+
+def plugin_threads():
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("plugin-")]
+
+
+def steps(robot, count):
+    return [robot.plugin(name).steps for name in numbered("stepping", count)]
+
+
+def test_many_plugins_that_take_no_time_share_a_few_threads(start):
+    robot = start("counter", *numbered("stepping", MANY))
+    until(lambda: min(steps(robot, MANY)) > 20)
+    assert robot.tag("counter").mailbox.wake is not None
+    until(lambda: len(plugin_threads()) <= SPARE + 1)
+
+
+def test_each_plugin_that_hangs_takes_one_thread_and_the_others_go_on(start):
+    robot = start("counter", *numbered("stepping", MANY), *numbered("stuck", HUNG))
+    until(lambda: len(robot.space["ENTERED"]) == HUNG)
+    before = steps(robot, MANY)
+    until(lambda: all(now > then + 20 for now, then in zip(steps(robot, MANY), before, strict=True)))
+    assert {f"plugin-stuck{number}" for number in range(HUNG)} <= set(plugin_threads())
+    until(lambda: len(plugin_threads()) <= HUNG + SPARE + 1)
+    robot.space["GO"].set()
+    until(lambda: len(plugin_threads()) <= SPARE + 1)
+
+
+@pytest.mark.slow
+def test_a_plugin_whose_period_is_none_is_faulted_and_the_others_go_on(start):
+    robot = start("counter", *numbered("stepping", 2), *numbered("odd", 3))
+    odd = [robot.tag(f"odd{number}") for number in range(3)]
+    until(lambda: [plugin.state for plugin in odd] == ["faulted"] * 3)
+    assert "expected period_s above 0, or None, got 0.0" in odd[1].state_reason
+    before = steps(robot, 2)
+    until(lambda: all(now > then + 20 for now, then in zip(steps(robot, 2), before, strict=True)))
 
 
 def test_a_robot_that_cannot_start_closes_what_it_opened(bench):

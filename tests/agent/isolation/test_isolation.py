@@ -138,20 +138,22 @@ def test_isolated_plugin_looks_like_the_real_one(bench):
     assert "times" in info.signature
 
 
-def test_it_runs_in_another_process(bench):
-    vision = bench.start(VISION)
-    assert vision.process() == vision.pid
-    assert vision.pid != os.getpid()
-
-
-def test_functions_take_and_give_back_what_they_declare(bench):
+def test_functions_run_in_another_process_and_take_and_give_back_what_they_declare(bench):
     vision = bench.start(VISION, parameters={"threshold": 0.1, "at": {"x_m": 3.0, "y_m": 4.0}})
+    assert vision.process() == vision.pid != os.getpid()
     image = np.zeros((4, 5), np.uint8)
     assert vision.find(image) == []
     image[1, 2:4] = 255
     (blob,) = vision.find(image, least=2)
     assert (blob.place, blob.pixels, type(blob).__name__) == (Point2D(3.0, 4.0), 2, "Blob")
     assert vision.threshold == 0.1
+    with pytest.raises(TypeError, match="find: Expected `int`"):
+        vision.find(image, least="many")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'most'"):
+        vision.find(image, most=1)
+    with pytest.raises(TypeError, match="lock is not plain data"):
+        vision.find(threading.Lock())
+    assert vision.process() == vision.pid
 
 
 def test_steps_happen_in_it_and_its_events_are_told_here(bench):
@@ -161,19 +163,6 @@ def test_steps_happen_in_it_and_its_events_are_told_here(bench):
     vision.step()
     bench.env.mailbox.deliver()
     assert [(blob.place, blob.pixels) for blob in told] == [(Point2D(1.0, 2.0), 1), (Point2D(1.0, 2.0), 2)]
-
-
-def test_events_of_its_own_threads_are_told_as_well(bench):
-    vision = bench.make("""
-        class Vision(Unit):
-            ticked = Event[int]()
-            def init(self):
-                threading.Thread(target=lambda: self.ticked.notify(5), daemon=True).start()
-        """)
-    told = observed(bench, vision.ticked)
-    vision.init()
-    deliver(bench)
-    assert told == [5]
 
 
 def test_calls_to_lower_plugins_come_back_here_on_the_callers_thread(bench, ranged):
@@ -224,43 +213,31 @@ def test_it_has_the_rights_of_its_plugin_and_no_more(bench):
     assert bench.plugins[0].pid is None
 
 
-def test_only_the_interface_is_offered_through_its_handles(bench, ranged):
-    bench.env.others["ranger"] = Ranger()
-    vision = ranged("""
-    @external
-    def pry(self) -> None: self.ranger.thread
-    """)
-    with pytest.raises(AccessDenied, match="thread is not in RangerInterface"):
-        vision.pry()
-
-
-@pytest.mark.parametrize(
-    ("raised", "kind", "text"),
-    [
-        ("ValueError('seen nothing')", ValueError, "seen nothing"),
-        ("PluginBusy('lamp', 'r2')", PluginBusy, "lamp is held by r2"),
-        ("CallError(ErrorCode.REFUSED, 'not now')", CallError, "not now"),
-        ("Odd('odd')", PluginError, "Odd: odd"),  # a class that is not known here
-    ],
-)
-def test_what_it_raises_is_raised_here(bench, raised, kind, text):
-    vision = bench.start(f"""
+def test_what_it_raises_is_raised_here(bench):
+    vision = bench.start("""
         from robrain.protocol.errors import CallError, ErrorCode
         class Odd(Exception): pass
+        ERRORS = (
+            ValueError("seen nothing"), PluginBusy("lamp", "r2"), CallError(ErrorCode.REFUSED, "not now"), Odd("odd")
+        )
         class Vision(Unit):
             @external
-            def fail(self) -> None: raise {raised}
-            @external
-            def works(self) -> bool: return True
+            def fail(self, number: int) -> None: raise ERRORS[number]
         """)
-    with pytest.raises(kind, match=text) as caught:
-        vision.fail()
-    assert all("vision_0.py" in text for text in plugin_traceback.raised(caught.value))
-    if isinstance(caught.value, CallError):
-        assert caught.value.code is ErrorCode.REFUSED
-    if isinstance(caught.value, PluginBusy):
-        assert caught.value.holder == "r2"
-    assert vision.works()
+    raised = []
+    for number, (kind, text) in enumerate(
+        [
+            (ValueError, "seen nothing"),
+            (PluginBusy, "lamp is held by r2"),
+            (CallError, "not now"),
+            (PluginError, "Odd: odd"),  # a class that is not known here
+        ]
+    ):
+        with pytest.raises(kind, match=text) as caught:
+            vision.fail(number)
+        raised.append(caught.value)
+        assert all("vision_0.py" in text for text in plugin_traceback.raised(caught.value))
+    assert (raised[1].holder, raised[2].code) == ("r2", ErrorCode.REFUSED)
 
 
 def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_called_it(bench, ranged):
@@ -281,38 +258,29 @@ def test_an_unknown_error_of_a_lower_plugin_is_an_error_of_the_plugin_that_calle
     assert caught.value.plugin == "vision"
 
 
-def test_arguments_of_the_wrong_type_are_refused_by_name(bench):
-    vision = bench.start(VISION)
-    with pytest.raises(TypeError, match="find: Expected `int`"):
-        vision.find(np.zeros(3, np.uint8), least="many")
-    with pytest.raises(TypeError, match="unexpected keyword argument 'most'"):
-        vision.find(np.zeros(3, np.uint8), most=1)
-
-
-def test_what_is_not_plain_data_is_refused_in_words(bench):
-    vision = bench.start(VISION)
-    with pytest.raises(TypeError, match="lock is not plain data"):
-        vision.find(threading.Lock())
-    assert vision.process() == vision.pid
-
-
-@pytest.mark.parametrize(
-    ("wish", "text"),
-    [
-        ("self.env.wire.ask", "finds no way to the wire"),
-        ("self.env.tasks", "has no env.tasks"),
-        ("self.env.do_tasks(None, None)", "cannot do tasks"),
-        ("self.env.observe(Event(), print)", "can observe events of the plugins that it uses"),
-    ],
-)
-def test_what_it_cannot_have_is_refused_in_words(bench, wish, text):
-    vision = bench.start(f"""
-        class Vision(Unit):
-            @external
-            def wish(self) -> None: {wish}
-        """)
-    with pytest.raises(PluginError, match=text):
-        vision.wish()
+def test_what_it_cannot_have_is_refused_in_words(bench, ranged):
+    bench.env.others["ranger"] = Ranger()
+    vision = ranged("""
+    @external
+    def wire(self) -> None: self.env.wire.ask
+    @external
+    def tasks(self) -> None: self.env.tasks
+    @external
+    def do_tasks(self) -> None: self.env.do_tasks(None, None)
+    @external
+    def observe(self) -> None: self.env.observe(Event(), print)
+    @external
+    def pry(self) -> None: self.ranger.thread
+    """)
+    for wish, text in (
+        ("wire", "finds no way to the wire"),
+        ("tasks", "has no env.tasks"),
+        ("do_tasks", "cannot do tasks"),
+        ("observe", "can observe events of the plugins that it uses"),
+        ("pry", "thread is not in RangerInterface"),
+    ):
+        with pytest.raises(PluginError, match=text):
+            getattr(vision, wish)()
 
 
 def test_types_that_cannot_pass_between_processes_are_found_before_the_start(bench):
@@ -343,19 +311,19 @@ def test_calls_of_several_threads_take_turns(bench):
     assert seen == [0] * 80
 
 
-@pytest.mark.parametrize(
-    ("end", "why"), [("deactivate", "the plugin is deactivated"), ("emergency_halt", "emergency halt")]
-)
-def test_actions_are_told_of_the_end(bench, end, why):
+def test_actions_are_told_of_the_end(bench):
     vision = bench.start("""
         class Vision(Unit):
             ended = Event[str]()
             def activate(self): self.env.at_end(self.ended.notify)
         """)
     told = observed(bench, vision.ended)
-    getattr(vision, end)()
-    deliver(bench)
-    assert told == [why]
+    for end, why in ((vision.deactivate, "the plugin is deactivated"), (vision.emergency_halt, "emergency halt")):
+        vision.activate()
+        end()
+        deliver(bench)
+        bench.env.arrived.clear()
+        assert told.pop() == why
 
 
 def ask_when_there(operator):

@@ -10,63 +10,45 @@ from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.manifest import read_manifest
 
 CODE = """
-from typing import Protocol
+    class Lamp(Protocol):
+        def light(self) -> str: ...
 
-import msgspec
+    class Plain(Device):
+        "A lamp."
+        interface = Lamp
+        @external
+        def light(self) -> str:
+            "What it is."
+            return "plain"
 
-from robrain.agent.plugin import Device, Unit, external
+    class Bright(Device):
+        "Another lamp."
+        interface = Lamp
+        class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+            watts: int = 40
+        @external
+        def light(self) -> str:
+            "What it is."
+            return f"bright, {self.parameters.watts} W"
 
-
-class Lamp(Protocol):
-    def light(self) -> str: ...
-
-
-class Plain(Device):
-    "A lamp."
-
-    interface = Lamp
-
-    @external
-    def light(self) -> str:
-        "What it is."
-        return "plain"
-
-
-class Bright(Device):
-    "Another lamp."
-
-    interface = Lamp
-
-    class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        watts: int = 40
-
-    @external
-    def light(self) -> str:
-        "What it is."
-        return f"bright, {self.parameters.watts} W"
-
-
-class Desk(Unit):
-    "Has a lamp."
-
-    def activate(self) -> None:
-        self._lamp = self.env.use("lamp", Lamp)
-
-    @external
-    def light(self) -> str:
-        "Of its lamp."
-        return self._lamp.light()
+    class Desk(Unit):
+        "Has a lamp."
+        def activate(self) -> None: self._lamp = self.env.use("lamp", Lamp)
+        @external
+        def light(self) -> str:
+            "Of its lamp."
+            return self._lamp.light()
 """
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
-    (tmp_path / "lamps.py").write_text(CODE)
-    (tmp_path / "lamp.toml").write_text('[plugin]\nclass = "lamps:Plain"\n[tag]\nvisibility = ["*", "command"]\n')
-    bright = '[plugin]\nclass = "lamps:Bright"\nrole = "lamp"\n[tag]\nvisibility = ["*", "command"]\n'
-    (tmp_path / "bright_lamp.toml").write_text(bright)
-    (tmp_path / "desk.toml").write_text('[plugin]\nclass = "lamps:Desk"\n[tag]\nrequires = ["lamp"]\n')
-    return tmp_path
+def place(bench) -> Path:
+    bench.code("lamps", CODE)
+    bench.manifest("lamp", "lamps:Plain", visibility=["*", "command"])
+    bench.manifest("desk", "lamps:Desk", requires=["lamp"])
+    path = bench.manifest("bright_lamp", "lamps:Bright", visibility=["*", "command"])
+    path.write_text('plugin.role = "lamp"\n' + path.read_text().replace("[plugin]\nclass", "plugin.class"))
+    return bench.place
 
 
 def test_it_takes_the_place_under_the_name_of_the_other_with_its_parameters_and_callers(place: Path) -> None:
@@ -75,11 +57,6 @@ def test_it_takes_the_place_under_the_name_of_the_other_with_its_parameters_and_
         assert "bright_lamp" not in bench.host.manager.plugins
         assert bench.host.manager.reload("lamp").name == "lamp"
         assert bench.call("desk", "light") == "bright, 60 W"
-
-
-def test_without_a_word_in_the_robots_file_the_plugin_of_the_name_runs(place: Path) -> None:
-    with PluginBench(place, roles={"lamp": "lamp"}) as bench:
-        assert bench.call("desk", "light") == "plain"
 
 
 @pytest.mark.parametrize("chosen", ["desk", "no_lamp"])

@@ -107,31 +107,6 @@ def test_what_cannot_start_leaves_out_its_branch_and_the_rest_starts(bench, diar
     assert all(why in infos[name].why for name in ("user", "boss"))
 
 
-def test_what_is_left_out_before_it_is_loaded_is_listed_with_its_level_all_the_same(bench, diary):
-    bench.manifest("alone", "diary:Low", requires=["ghost"])
-    bench.manifest("head", "diary:Top", requires=["tail"])
-    bench.manifest("tail", "diary:Middle", requires=["head"])
-    bench.start("alone", "head", "tail")
-    infos = bench.infos()
-    assert {info.state for info in infos.values()} == {"faulted"}
-    assert {name: info.level for name, info in infos.items()} == {"alone": "device", "head": "behavior", "tail": "unit"}
-
-
-def test_plugins_that_require_each_other_are_left_out_and_the_rest_starts(bench, diary):
-    bench.manifest("a", "diary:Top", requires=["b"])
-    bench.manifest("b", "diary:High", requires=["c"])
-    bench.manifest("c", "diary:Middle", requires=["a"])
-    bench.manifest("user", "diary:Top", requires=["b"])
-    bench.manifest("good", "diary:Low")
-    bench.start("a", "user", "good")
-    infos = bench.infos()
-    assert {name for name, info in infos.items() if info.state == "active"} == {"good"}
-    cycle = ("requires itself: a → b → c → a", "requires itself: b → c → a → b", "requires itself: c → a → b → c")
-    assert infos["a"].why == infos["b"].why == infos["c"].why
-    assert infos["a"].why in cycle
-    assert infos["user"].why.startswith("requires b, which is left out: requires itself")
-
-
 NAMES = ["a", "b", "c", "d", "e"]
 
 
