@@ -57,10 +57,6 @@ def test_robots_are_judged_by_the_mean_over_that_of_the_tree(first_days: float, 
     assert "newest 1.5 h" in found[0].beside
 
 
-def test_without_a_tree_nothing_is_compared_with_it() -> None:
-    assert list(figures([run(MULES, 400.0)])) == []
-
-
 def test_table_has_a_row_for_each_method_and_fits_its_width() -> None:
     out = io.StringIO()
     Console(width=WIDTH, file=out).print(table([run(TREE, 80.0), run(TREE, 100.0, 2), run(MULES, 450.0)]))

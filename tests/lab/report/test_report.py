@@ -10,7 +10,6 @@ import pytest
 from mcap.writer import Writer
 from PIL import Image
 
-from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.lab.report.report import FIGURES, group_runs, totals, write_report
 from robrain.protocol.messages.maps.map_messages import ExplorationLeft, LeftKind, RegionLeft
@@ -18,18 +17,16 @@ from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
-from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import Happenings, read_run
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.scenario import Scenario
 from tests.recording.test_commands import HOSTILE
 
 NS_PER_S = 1_000_000_000
+NOTEBOOK = Path(__file__).parents[3] / "examples" / "notebook_run_analysis.py"
 
 
 @pytest.fixture(scope="module")
@@ -98,12 +95,6 @@ def test_a_report_is_one_page_that_runs_nothing_with_all_figures_and_each_as_a_f
     assert not {name for name in page.attributes if name.startswith("on")}
 
 
-def test_a_format_that_nobody_knows_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="expected figures as svg, pdf, png; got 'bmp'"):
-        write_report([tmp_path / "run.mcap"], tmp_path / "none", forms=("bmp",))
-    assert not (tmp_path / "none").exists()
-
-
 @pytest.mark.slow
 def test_its_totals_are_those_of_the_run(result_and_run: tuple[RunResult, Path]) -> None:
     result, run = result_and_run
@@ -128,7 +119,7 @@ def test_its_totals_are_those_of_the_run(result_and_run: tuple[RunResult, Path])
 def of_seeds(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("seeds")
     paths = []
-    for robots, seeds in ((1, (1, 2, 3)), (2, (1, 2, 3, 4))):
+    for robots, seeds in ((1, (1, 2, 3)), (2, (1, 2))):
         for seed in seeds:
             paths.append(folder / f"robots={robots}-seed{seed}.mcap")
             scenario = Scenario.builtin("arena_small").replace(robots=robots, motes=0, seed=seed)
@@ -155,7 +146,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     assert "Who did what" not in text
     table = text[text.index("<h2>Compared</h2>") : text.index("</table>")]
     assert "robots=1 (3 seeds)" in table
-    assert "robots=2 (4 seeds)" in table
+    assert "robots=2 (2 seeds)" in table
     totals_m = [totals(read_run(path))["Distance (m)"] for path in of_seeds[:3]]
     found = mean_interval([each for each in totals_m if each is not None])
     assert found is not None
@@ -163,7 +154,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     assert told is not None
     numbers = [float(number) for number in told.groups()]
     assert numbers == pytest.approx([found.mean, found.low, found.high], abs=0.1 * found.width)
-    assert "<summary>Runs (7)</summary>" in text
+    assert "<summary>Runs (5)</summary>" in text
     again = write_report(of_seeds, tmp_path / "again")
     assert again.page.read_bytes() == report.page.read_bytes()
 
@@ -173,7 +164,7 @@ def test_the_groups_are_runs_that_differ_in_their_seed_alone(
     of_seeds: list[Path], result_and_run: tuple[RunResult, Path]
 ) -> None:
     runs = [read_run(path) for path in of_seeds]
-    assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 4)]
+    assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 2)]
     again = group_runs([*runs[:2], runs[0]])
     assert [len(group.runs) for group in again] == [2, 1]  # a seed that comes twice stands alone
     other = read_run(result_and_run[1])
@@ -201,12 +192,6 @@ def test_a_report_names_what_exploration_had_left_when_it_was_told_last(tmp_path
     assert "the gap is 0.39 m wide (on the map), robots need 0.44 m" in text
     assert "2 smaller" in text
     assert "unreachable" not in text
-
-
-def test_a_report_on_what_is_no_recording_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no file"):
-        write_report([tmp_path / "nosuch.mcap"], tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 def hostile_said() -> list[tuple[str, float, msgspec.Struct]]:
@@ -249,18 +234,6 @@ def test_hostile_texts_stay_texts_in_the_report(tmp_path: Path) -> None:
     assert any("<script>alert(1)</script>" in said for said in page.said)  # shown, as the text that it is
 
 
-def test_hostile_texts_stay_texts_in_the_page_that_plays(tmp_path: Path) -> None:
-    recording = write(tmp_path / "run.mcap", hostile_said())
-    frames = write_html(recording, tmp_path / "run.html", frames_max=20)
-    text = (tmp_path / "run.html").read_text()
-    assert frames > 10
-    assert "alert(1)" not in text  # what is shown is in the compressed scene
-    assert not re.search(r"<(?:script|link|img)[^>]*\s(?:src|href)=[\"']https?://", text)
-
-
-# -- faults and recoveries, energy of tasks ---------------------------------------------------------------------
-
-
 def test_a_fault_lasts_until_the_robot_is_well_again() -> None:
     happenings = Happenings()
     well = RobotState(robot="r1")
@@ -295,41 +268,3 @@ def test_halts_failed_tasks_and_errors_are_told() -> None:
         ("task", "failed: wall", None),
         ("log", "burnt", None),
     ]
-
-
-def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_took(tmp_path: Path) -> None:
-    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
-    times = dict.fromkeys(("starts_in_s", "arrives_in_s", "ends_in_s", "ends_low_s", "ends_high_s"), 1.0)
-    estimates = TaskEstimates(tasks=(TaskEstimate(task="t1", robot="r2", energy_j=120.0, **times),))
-    said: list[tuple[str, float, msgspec.Struct]] = [
-        ("task/event/t1", 0.0, TaskEvent(task=task, state=TaskState.QUEUED)),
-        ("task/estimates", 0.1, estimates),
-        ("task/event/t1", 0.2, TaskEvent(task=task, state=TaskState.RUNNING, robot="r2")),
-        ("task/event/t1", 8.0, TaskEvent(task=task, state=TaskState.DONE, robot="r2", result={"energy_j": 131.5})),
-    ]
-    [found] = read_run(write(tmp_path / "run.mcap", said)).tasks.values()
-    assert (found.robot, found.predicted_j, found.measured_j) == ("r2", 120.0, 131.5)
-    assert (found.queued_s, found.started_s, found.ended_s, found.state) == (0.0, 0.2, 8.0, "done")
-    assert found.spans == [("r2", 0.2, 8.0)]
-
-
-# -- tables and names on the page ---------------------------------------------------------------------------------
-
-
-def task_said(task_id: str, t_s: float, measured_j: float) -> tuple[str, float, msgspec.Struct]:
-    task = Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0))
-    event = TaskEvent(task=task, state=TaskState.DONE, robot="r1", result={"energy_j": measured_j})
-    return (f"task/event/{task_id}", t_s, event)
-
-
-def test_each_task_has_a_row_with_figures_that_are_short_and_a_dash_for_those_that_are_not_known(
-    tmp_path: Path,
-) -> None:
-    measured_j = (7.0, 0.123456, 999.87654, 1000.4, 12345.6)
-    said = [task_said(f"t{number}", float(number), one_j) for number, one_j in enumerate(measured_j)]
-    page = Page(write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text())
-    table = page.said[page.said.index("Tasks (5)") :]
-    rows = [table[table.index(f"t{number}") :] for number in range(5)]
-    assert [row[8] for row in rows] == ["7", "0.1235", "999.9", "1,000", "12,346"]
-    assert [row[7] for row in rows] == ["–"] * 5
-    assert rows[2][:7] == ["t2", "visit", "done", "r1", "2", "–", "2"]
