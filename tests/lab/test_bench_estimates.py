@@ -3,14 +3,17 @@
 import msgspec
 import pytest
 
+from robrain.lab.bench import estimates
 from robrain.lab.bench.estimates import EstimatesRun, choose, figures, run_case
 
 
 @pytest.mark.slow
-def test_ends_and_energies_of_a_few_tasks_are_predicted() -> None:
-    (case,) = choose("depot", "1", "3", tasks=2, jobs=1)
+def test_ends_and_energies_of_a_few_tasks_are_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(estimates.EXPLORED_S, "arena_small", 25.0)
+    monkeypatch.setattr(estimates, "TASK_S", 30.0)
+    (case,) = choose("arena_small", "2", "3", tasks=3, jobs=1).cases
     run = run_case(case)
-    assert (len(run.done), run.without, run.undone) == (2, 0, 0)
+    assert (len(run.done), run.without, run.undone) == (3, 0, 0)
     for one in run.done:
         assert one.begun_ends_in_s == pytest.approx(one.begun_ended_in_s, rel=0.3, abs=2.0)
         assert one.energy_j == pytest.approx(one.spent_j, rel=0.3, abs=15.0)
@@ -20,7 +23,7 @@ def test_ends_and_energies_of_a_few_tasks_are_predicted() -> None:
 
 
 def test_figures_are_medians_of_absolute_errors_and_shares_within_intervals() -> None:
-    (case,) = choose("office", "4", "1", tasks=3, jobs=1)
+    (case,) = choose("office", "4", "1", tasks=3, jobs=1).cases
     times = {"ended_in_s": 10.0, "begun_ended_in_s": 5.0, "spent_j": 100.0, "kind": "visit"}
     done = [
         {

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.errors import UsageError
 from robrain.lab.bench.exploration import (
     FULL,
     POINTS,
     ExplorationCase,
     ExplorationRun,
     bound_s,
-    by_group,
     choose,
     figures,
     run_bench,
     run_case,
-    table,
 )
 from robrain.lab.bench.mapping_plan import BenchPlan
 from robrain.protocol.model.geometry import Point2D
@@ -64,21 +61,6 @@ def test_every_map_comes_with_every_team_strategy_motion_and_seed() -> None:
     assert len(plan.cases) == len(set(plan.cases)) == 2 * 2 * 3 * 2 * 2
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"maps": "moon"}, "--maps moon: there is no such map"),
-        ({"strategies": "best"}, "--strategies best: expected "),
-        ({"motions": "fast"}, "--motion fast: expected full or points"),
-        ({"time_limit_s": float("nan")}, "--time-limit-s nan: expected a number above 0"),
-    ],
-)
-def test_a_wrong_option_is_refused_in_words(options: dict[str, object], told: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        chosen(**options)
-    assert str(caught.value).startswith(told)
-
-
 @pytest.mark.slow
 def test_points_and_full_runs_explore_the_same_floor_from_the_same_place() -> None:
     near = (2.0, 2.0)
@@ -88,10 +70,6 @@ def test_points_and_full_runs_explore_the_same_floor_from_the_same_place() -> No
     assert full.bound_s <= points.explored_percent_s[95] <= 1.1 * full.explored_percent_s[95]
     assert full.energy_j > 0.0
     assert full.overlap > 0.0
-
-
-def test_a_run_that_cannot_be_made_says_why() -> None:
-    assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).refusal
 
 
 def test_the_bound_is_the_way_to_the_farthest_floor_less_the_sight() -> None:
@@ -119,15 +97,6 @@ def test_full_runs_are_judged_beside_points_and_the_default_beside_the_best() ->
     told = bounds_of(runs)
     assert told["arena_small, 1 robots: time over that of points"] == (pytest.approx(1.2), False)
     assert told["arena_small, 1 robots: time over the best"] == (pytest.approx(24 / 23), False)
-
-
-def test_the_table_has_a_row_for_each_group_with_its_speed_up() -> None:
-    runs = [run_of(40.0, robots=1), run_of(42.0, robots=1, seed=4), run_of(20.5, robots=2)]
-    shown = table(runs)
-    assert shown.row_count == len(by_group(runs)) == 2
-    cells = {str(column.header): list(column.cells) for column in shown.columns}
-    assert cells["speed-up"] == ["1.00", "2.00"]
-    assert cells["95 % s"] == ["41.0 [40.0, 42.0]", "20.5"]
 
 
 @pytest.mark.slow

@@ -8,14 +8,12 @@ import pytest
 from robrain.lab.bench.figure import (
     Bound,
     Figure,
-    FigureKind,
     above,
     at_least,
     at_most,
     below,
     between,
     deterministic,
-    timing,
 )
 
 
@@ -45,12 +43,6 @@ def test_missing_value_keeps_no_bound(value: float) -> None:
 def test_kept_follows_from_value_and_bound_whatever_a_file_says() -> None:
     told = b'{"name": "a", "value": 3.0, "bound": {"at_most": 2.0}, "kind": "timing", "kept": true}'
     assert msgspec.json.decode(told, type=Figure).kept is False
-
-
-def test_figure_is_the_same_after_json() -> None:
-    figure = timing("age, p99", 111.25, "ms", between(1, 200), "median 58 ms")
-    assert msgspec.json.decode(msgspec.json.encode(figure), type=Figure) == figure
-    assert figure.kind is FigureKind.TIMING
 
 
 @pytest.mark.parametrize("limits", [{}, {"at_most": math.inf}, {"at_least": math.nan}])

@@ -66,15 +66,6 @@ def test_bad_options_are_refused_in_a_sentence(options: dict[str, object], told:
     assert str(error.value).startswith(told)
 
 
-def test_conditions_are_those_of_the_page_on_imperfections() -> None:
-    plan = chosen(maps="arena_small", conditions="usual,glass,late")
-    usual, glass, late = (case.scenario() for case in plan.cases)
-    assert {made.hardware.lidar.dropout for made in (usual, glass, late)} == {0.01}
-    assert (usual.surfaces.glass_share, usual.disturbance.is_on) == (0.0, False)
-    assert (glass.surfaces.glass_share, glass.disturbance.is_on) == (0.1, False)
-    assert (late.surfaces.glass_share, late.disturbance.is_on) == (0.0, True)
-
-
 def test_late_runs_are_compared_with_the_same_runs_in_time() -> None:
     late = msgspec.structs.replace(run_of(seed=1, share_off=0.05).case, conditions="late")
     other = msgspec.structs.replace(late, seed=9)  # never made in time: nothing to compare with

@@ -14,7 +14,7 @@ from robrain.lab.sweep.crew import DaskCrew
 from robrain.lab.sweep.execution import execute
 from robrain.lab.sweep.plan import SweepPlan
 from robrain.lab.sweep.run_outcome import RunRecord
-from robrain.lab.sweep.sweep import SweepOptions, SweepProgress, SweepResult, run_sweep
+from robrain.lab.sweep.sweep import SweepOptions, SweepProgress, SweepResult, run_sweep, without_result
 from robrain.lab.sweep.worker import RunTask
 
 pytestmark = pytest.mark.system
@@ -33,7 +33,7 @@ def test_a_worker_of_another_version_is_refused_in_words(cluster: LocalCluster, 
     records: list[RunRecord] = []
     try:
         dask.versions = {**dask.versions, "robrain": "99.0"}
-        execute([RunTask(run="a", toml=plan.settings[0].toml, seed=1)], dask, records.append)
+        execute([RunTask(run="a", toml=plan.settings[0].toml, seed=1)], dask, records.append, without_result)
     finally:
         dask.close()
     [record] = records

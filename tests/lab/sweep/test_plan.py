@@ -67,13 +67,6 @@ def test_more_runs_than_the_limit_are_refused_with_their_number() -> None:
     assert len(make_plan(DEPOT, [1, 2, 3], {"robots": [1, 2]}, limit=6).runs()) == 6
 
 
-def test_a_floor_is_known_by_its_cells() -> None:
-    [(drawing, cells)] = make_plan(DEPOT, [1], {"robots": [1, 2]}).inputs.items()
-    coarse = make_plan(DEPOT, [1], {"floor.resolution_m": [0.1]}).inputs
-    assert drawing not in coarse
-    assert cells not in coarse.values()
-
-
 FULL = """
 [scenario]
 name = "full"
