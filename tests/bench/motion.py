@@ -2,7 +2,7 @@
 
 The square is that of Borenstein and Feng's UMBmark (IEEE Transactions on Robotics and Automation 12(6), 1996): four
 times 5 m straight ahead and a quarter turn, as many times clockwise as counter-clockwise. Errors are true ones, by the
-arena. `python -m tests.bench.motion` prints the table; `SEEDS = 50` is the full size.
+arena. `SEEDS = 50` is the full size.
 """
 
 import logging

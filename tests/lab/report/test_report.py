@@ -1,6 +1,7 @@
 """The report: what it tells is what was recorded, it needs nothing else, and nothing in a recording can run in it."""
 
 import re
+import runpy
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
@@ -20,6 +21,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.recording.errors import RecordingError
 from robrain.recording.reader.run_data import Happenings, read_run
 from robrain.sim.lockstep.result import RunResult
 from robrain.sim.scenarios.scenario import Scenario
@@ -95,6 +97,32 @@ def test_a_report_is_one_page_that_runs_nothing_with_all_figures_and_each_as_a_f
     assert not {name for name in page.attributes if name.startswith("on")}
 
 
+@pytest.mark.parametrize(
+    ("name", "form", "refusal"),
+    [("run", "bmp", "expected figures as svg, pdf, png; got 'bmp'"), ("none", "svg", "no file")],
+)
+def test_an_unknown_format_or_recording_is_refused_and_leaves_nothing(
+    tmp_path: Path, name: str, form: str, refusal: str
+) -> None:
+    write(tmp_path / "run.mcap", [])
+    with pytest.raises(RecordingError, match=refusal):
+        write_report([tmp_path / f"{name}.mcap"], tmp_path / "out", forms=(form,))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_notebook_example_reads_a_recording(
+    result_and_run: tuple[RunResult, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, run = result_and_run
+    monkeypatch.setattr("sys.argv", ["notebook", str(run)])
+    runpy.run_path(str(NOTEBOOK), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "robot_state" in printed
+    assert "m² known" in printed
+    assert run.with_suffix(".png").stat().st_size > 5000
+
+
 @pytest.mark.slow
 def test_its_totals_are_those_of_the_run(result_and_run: tuple[RunResult, Path]) -> None:
     result, run = result_and_run
@@ -119,7 +147,7 @@ def test_its_totals_are_those_of_the_run(result_and_run: tuple[RunResult, Path])
 def of_seeds(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("seeds")
     paths = []
-    for robots, seeds in ((1, (1, 2, 3)), (2, (1, 2))):
+    for robots, seeds in ((1, (1, 2, 3)), (2, (1, 2, 3, 4))):
         for seed in seeds:
             paths.append(folder / f"robots={robots}-seed{seed}.mcap")
             scenario = Scenario.builtin("arena_small").replace(robots=robots, motes=0, seed=seed)
@@ -146,7 +174,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     assert "Who did what" not in text
     table = text[text.index("<h2>Compared</h2>") : text.index("</table>")]
     assert "robots=1 (3 seeds)" in table
-    assert "robots=2 (2 seeds)" in table
+    assert "robots=2 (4 seeds)" in table
     totals_m = [totals(read_run(path))["Distance (m)"] for path in of_seeds[:3]]
     found = mean_interval([each for each in totals_m if each is not None])
     assert found is not None
@@ -154,7 +182,7 @@ def test_runs_of_several_seeds_are_compared_by_mean_and_interval_and_have_no_sec
     assert told is not None
     numbers = [float(number) for number in told.groups()]
     assert numbers == pytest.approx([found.mean, found.low, found.high], abs=0.1 * found.width)
-    assert "<summary>Runs (5)</summary>" in text
+    assert "<summary>Runs (7)</summary>" in text
     again = write_report(of_seeds, tmp_path / "again")
     assert again.page.read_bytes() == report.page.read_bytes()
 
@@ -164,7 +192,7 @@ def test_the_groups_are_runs_that_differ_in_their_seed_alone(
     of_seeds: list[Path], result_and_run: tuple[RunResult, Path]
 ) -> None:
     runs = [read_run(path) for path in of_seeds]
-    assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 2)]
+    assert [(group.name, len(group.runs)) for group in group_runs(runs)] == [("robots=1", 3), ("robots=2", 4)]
     again = group_runs([*runs[:2], runs[0]])
     assert [len(group.runs) for group in again] == [2, 1]  # a seed that comes twice stands alone
     other = read_run(result_and_run[1])
