@@ -151,7 +151,7 @@ def estimates(
     """Measure the accuracy of estimates: predicted ends and energies of tasks beside the real ones."""
     from robrain.lab.bench.estimates import choose, run_bench
 
-    run_bench(choose(scenarios, robots, seeds, tasks, jobs, connect), jobs, json_file)
+    run_bench(choose(scenarios, robots, seeds, tasks, jobs, connect), json_file)
 
 
 @bench_app.command()

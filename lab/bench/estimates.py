@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from robrain.client.team import Team
-from robrain.deploy.command_line.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.figure import Bound, Figure, at_most, deterministic, show_figures, write_json
-from robrain.lab.bench.mapping_plan import all_runs, check_limits, errors_alone, names_of, numbers_of
+from robrain.lab.bench.figure import Figure, at_most, between, deterministic
+from robrain.lab.bench.mapping_plan import BenchPlan, check_limits, errors_alone, names_of, numbers_of, run_all
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.task_messages import TaskEstimate, TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -40,7 +40,7 @@ CHECK_S = 0.5
 TRIES_MAX = 100
 """Places that a team may refuse in turn."""
 QUEUED_PERCENT, BEGUN_PERCENT, ENERGY_PERCENT = at_most(15.0), at_most(10.0), at_most(7.0)
-IN_INTERVAL_PERCENT = Bound(at_least=85.0, at_most=95.0)
+IN_INTERVAL_PERCENT = between(85.0, 95.0)
 WIDTH = 120
 
 
@@ -185,32 +185,31 @@ def _compared(
 
 def choose(
     scenarios: str, robots: str, seeds: str, tasks: int, jobs: int, connect: str | None = None
-) -> list[EstimatesCase]:
+) -> BenchPlan[EstimatesCase]:
     """Make the runs from the options (UsageError if one is wrong)."""
     check_limits(jobs, 1.0)
-    return [
+    cases = [
         EstimatesCase(scenario=name, robots=count, seed=seed, tasks=tasks, connect=connect or "")
         for name in names_of("--scenarios", scenarios, EXPLORED_S)
         for count in numbers_of("--robots", robots, 1, MAX_ROBOTS)
         for seed in numbers_of("--seeds", seeds, 0, MAX_SEED)
     ]
+    return BenchPlan(cases=cases, jobs=jobs)
 
 
-def run_bench(cases: Sequence[EstimatesCase], jobs: int, json_file: Path | None = None) -> None:
+def run_bench(plan: BenchPlan[EstimatesCase], json_file: Path | None = None) -> None:
     """Make all runs; prints a line for each, and the figures at the end."""
-    runs: list[EstimatesRun] = []
-    for run in all_runs(run_case, cases, jobs):
-        runs.append(run)
-        case = run.case
-        shown = ", ".join(f"{one.name} {one.value:.1f} %" for one in figures([run]) if one.value is not None)
-        print_line(f"{case.scenario}, {case.robots} robots, seed {case.seed}: {shown}")
-        write_json(json_file, "estimates", runs, figures(runs))
-    show_figures("estimates, each figure beside the bound that it is to keep", figures(runs), new_console(width=WIDTH))
+    run_all("estimates", plan, run_case, _report, figures, json_file, width=WIDTH)
 
 
-def figures(runs: Iterable[EstimatesRun]) -> Iterator[Figure]:
+def _report(runs: list[EstimatesRun]) -> None:
+    case = runs[-1].case
+    shown = ", ".join(f"{one.name} {one.value:.1f} %" for one in figures(runs[-1:]) if one.value is not None)
+    print_line(f"{case.scenario}, {case.robots} robots, seed {case.seed}: {shown}")
+
+
+def figures(runs: Sequence[EstimatesRun]) -> Iterator[Figure]:
     """Median errors in percent, and the share of ends within the 90 % interval."""
-    runs = list(runs)
     done = [one for run in runs for one in run.done]
     if not done:
         return

@@ -15,21 +15,20 @@ from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.algorithms.navigation.path_planning import distance_field
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.command_line.terminal import new_console, print_line, print_progress
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.kernels import prepare_kernels
-from robrain.lab.bench.figure import Figure, at_most, deterministic, show_figures, write_json
+from robrain.lab.bench.figure import Figure, at_most, deterministic
 from robrain.lab.bench.mapping_plan import (
-    SHARED_MAPS,
     BenchPlan,
-    all_runs,
     check_limits,
     choose_maps,
     errors_alone,
+    interval_words,
+    mean_words,
     names_of,
     numbers_of,
+    run_all,
 )
-from robrain.lab.report.mean_interval import mean_interval
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -87,9 +86,12 @@ def sight_bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: flo
     step = max(1, round(STANDPOINT_M / plan.resolution_m))
     rows, columns = np.nonzero(np.isfinite(away_m[::step, ::step]) & reachable[::step, ::step])
     seen_m = _seen_m(plan, np.stack([rows * step, columns * step], axis=1), away_m, range_m)
-    lengths_m = seen_m[reachable]
-    farthest_m = float(np.percentile(lengths_m[np.isfinite(lengths_m)], PERCENTILE))
-    return max(0.0, farthest_m - STANDPOINT_M / math.sqrt(2.0)) / speed_m_s
+    return max(0.0, _farthest_m(seen_m[reachable]) - STANDPOINT_M / math.sqrt(2.0)) / speed_m_s
+
+
+def _farthest_m(lengths_m: Floats) -> float:
+    """The path length within which is 95 % of the floor that can be reached."""
+    return float(np.percentile(lengths_m[np.isfinite(lengths_m)], PERCENTILE))
 
 
 def _away_m(plan: FloorPlan, start: Point2D, radius_m: float) -> tuple[np.ndarray, Floats]:
@@ -201,9 +203,7 @@ def bound_s(plan: FloorPlan, start: Point2D, radius_m: float, range_m: float, sp
 
     """
     reachable, away_m = _away_m(plan, start, radius_m)
-    lengths_m = away_m[reachable]
-    farthest_m = float(np.percentile(lengths_m[np.isfinite(lengths_m)], PERCENTILE))
-    return max(0.0, farthest_m - range_m) / speed_m_s
+    return max(0.0, _farthest_m(away_m[reachable]) - range_m) / speed_m_s
 
 
 def _made(case: ExplorationCase) -> ExplorationRun:
@@ -290,35 +290,17 @@ def choose(
 
 
 def run_bench(plan: BenchPlan[ExplorationCase], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each group of seeds, and the figures at the end.
+    """Make all runs; prints a line for each group of seeds, and the figures at the end."""
 
-    Args:
-        plan: the runs.
-        json_file: written after each group, so that results are kept if the benchmark is interrupted.
-
-    Raises:
-        UsageError: `json_file` cannot be written.
-
-    """
-    write_json(json_file, "exploration", [], [])
-    for name in plan.absent:
-        print_progress(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
-    prepare_kernels()
-    runs: list[ExplorationRun] = []
-    for run in all_runs(run_case, plan.cases, plan.jobs):
-        runs.append(run)
+    def report(runs: list[ExplorationRun]) -> None:
+        run = runs[-1]
         if run.refusal:
             print_line(f"{_text_of(_group_of(run))}, seed {run.case.seed}: not run: {run.refusal}")
-        is_last = len(runs) == len(plan.cases) or _group_of(run) != _key(plan.cases[len(runs)])
-        if is_last:
+        if len(runs) == len(plan.cases) or _group_of(run) != _key(plan.cases[len(runs)]):
             made = [one for one in runs if _group_of(one) == _group_of(run) and not one.refusal]
             print_line(f"{_text_of(_group_of(run))}: {_percents(made)}")
-            write_json(json_file, "exploration", runs, figures(runs))
-    console = new_console(width=WIDTH)
-    console.print(table(runs))
-    found = list(figures(runs))
-    if found:
-        show_figures("exploration, each figure beside the bound that it is to keep", found, console)
+
+    run_all("exploration", plan, run_case, report, figures, json_file, table=table, width=WIDTH)
 
 
 def table(runs: Sequence[ExplorationRun]) -> Table:
@@ -346,15 +328,15 @@ def table(runs: Sequence[ExplorationRun]) -> Table:
             group.strategy,
             str(group.robots),
             str(len(made)),
-            _mean(_times(made, 90)),
-            _interval(_times(made, JUDGED_PERCENT)),
-            _mean(_times(made, 99)),
+            mean_words(_times(made, 90), 1),
+            interval_words(_times(made, JUDGED_PERCENT), 1),
+            mean_words(_times(made, 99), 1),
             f"{sum(run.bound_s for run in made) / len(made):.1f}",
-            _mean([run.sight_s for run in made]),
+            mean_words([run.sight_s for run in made], 1),
             speed_up,
-            _mean([run.overlap for run in made], 2),
-            _mean([run.distance_m for run in made], 0),
-            _mean([run.energy_j / run.explored_m2 for run in made]),
+            mean_words([run.overlap for run in made], 2),
+            mean_words([run.distance_m for run in made], 0),
+            mean_words([run.energy_j / run.explored_m2 for run in made], 1),
             *shares,
             str(sum(run.collisions for run in made)),
         )
@@ -370,7 +352,9 @@ def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
             continue
         name, own = f"{group.map}, {group.robots} robots", _mean_s(made)
         alike = {other.strategy: found for other, found in groups.items() if other._replace(strategy=default) == group}
-        alone = [_mean_s(found) for other, found in groups.items() if _is_alone(other, group.map)]
+        alone = [
+            _mean_s(found) for other, found in groups.items() if other[:2] == (group.map, 1) and other.motion == FULL
+        ]
         least_s = min((each for each in alone if each is not None), default=None)
         if (wanted := SPEED_UPS.get(group.robots)) is not None and least_s is not None:
             floor_s = OVER_BOUND * sum(run.bound_s for run in made) / len(made)
@@ -384,9 +368,8 @@ def figures(runs: Sequence[ExplorationRun]) -> Iterator[Figure]:
         times = {strategy: time_s for strategy, found in alike.items() if (time_s := _mean_s(found)) is not None}
         if len(times) > 1 and own:
             best = min(times, key=times.__getitem__)
-            beside = f"best: {best}"
-            ratio = own / times[best]
-            yield deterministic(f"{name}: time over the best", ratio, "×", bound=at_most(OVER_BEST), beside=beside)
+            ratio, bound = own / times[best], at_most(OVER_BEST)
+            yield deterministic(f"{name}: time over the best", ratio, "×", bound, f"best: {best}")
 
 
 def by_group(runs: Iterable[ExplorationRun]) -> dict[Group, list[ExplorationRun]]:
@@ -396,10 +379,6 @@ def by_group(runs: Iterable[ExplorationRun]) -> dict[Group, list[ExplorationRun]
         if not run.refusal:
             groups.setdefault(_group_of(run), []).append(run)
     return groups
-
-
-def _is_alone(group: Group, name: str) -> bool:
-    return group.map == name and group.robots == 1 and group.motion == FULL
 
 
 def _key(case: ExplorationCase) -> Group:
@@ -415,8 +394,7 @@ def _text_of(group: Group) -> str:
 
 
 def _percents(runs: Sequence[ExplorationRun]) -> str:
-    texts = [f"{percent} % after {_interval(_times(runs, percent))} s" for percent in (90, 95, 99)]
-    return ", ".join(texts)
+    return ", ".join(f"{percent} % after {interval_words(_times(runs, percent), 1)} s" for percent in (90, 95, 99))
 
 
 def _times(runs: Iterable[ExplorationRun], percent: int) -> list[float | None]:
@@ -428,17 +406,3 @@ def _mean_s(runs: Sequence[ExplorationRun]) -> float | None:
     times = _times(runs, JUDGED_PERCENT)
     known = [time_s for time_s in times if time_s is not None]
     return sum(known) / len(known) if known and len(known) == len(times) else None
-
-
-def _interval(values: Sequence[float | None]) -> str:
-    """`35.1 [33.2, 37.5]`; with `(8 of 10)` if some values are missing, and a dash if all are."""
-    known = [value for value in values if value is not None]
-    mean = mean_interval(known)
-    of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
-    return "–" if mean is None else mean.words(1) + of
-
-
-def _mean(values: Sequence[float | None], decimals: int = 1) -> str:
-    known = [value for value in values if value is not None]
-    of = "" if len(known) == len(values) else f" ({len(known)} of {len(values)})"
-    return f"{sum(known) / len(known):.{decimals}f}{of}" if known else "–"

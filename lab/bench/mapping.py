@@ -13,28 +13,23 @@ from pathlib import Path
 
 import msgspec
 
-from robrain.deploy.command_line.terminal import new_console, print_line, print_progress
-from robrain.deploy.processes.kernels import prepare_kernels
+from robrain.deploy.command_line.terminal import print_line
 from robrain.lab.bench.figure import (
-    WIDTH,
     Bound,
     Figure,
     at_least,
     at_most,
     below,
     deterministic,
-    show_figures,
-    write_json,
 )
 from robrain.lab.bench.mapping_plan import (
     CONDITIONS,
-    SHARED_MAPS,
     USUAL,
     WHEELS,
     BenchPlan,
     Case,
-    all_runs,
     errors_alone,
+    run_all,
 )
 from robrain.protocol.errors import RobrainError
 from robrain.sim.lockstep.result import RunResult
@@ -91,30 +86,15 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_bench(plan: BenchPlan[Case], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each, and the figures at the end.
-
-    Args:
-        plan: the runs.
-        json_file: written after each run, so that results are kept if the benchmark is interrupted.
-
-    Raises:
-        UsageError: `json_file` cannot be written.
-
-    """
-    write_json(json_file, "mapping", [], [])
-    for name in plan.absent:
-        print_progress(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
-    prepare_kernels()
+    """Make all runs; prints a line for each, and the figures at the end."""
     print_line(HEADINGS)
-    runs: list[MappedRun] = []
-    for run in all_runs(run_case, plan.cases, plan.jobs):
-        if run.ended == "interrupted":
-            raise KeyboardInterrupt
-        runs.append(run)
-        print_line(run.line())
-        write_json(json_file, "mapping", runs, figures(runs))
-    title = "mapping, each figure beside the bound that it is to keep"
-    show_figures(title, figures(runs), new_console(width=WIDTH))
+    run_all("mapping", plan, run_case, _report, figures, json_file)
+
+
+def _report(runs: list[MappedRun]) -> None:
+    if runs[-1].ended == "interrupted":
+        raise KeyboardInterrupt
+    print_line(runs[-1].line())
 
 
 def run_case(case: Case) -> MappedRun:

@@ -1,16 +1,21 @@
-"""The runs of the benchmarks that explore maps: chosen from their options, and made one by one or side by side."""
+"""The runs of a benchmark: chosen from their options, made one by one or side by side, and reported."""
 
 import logging
 import multiprocessing
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import msgspec
+from rich.table import Table
 
+from robrain.deploy.command_line.terminal import new_console, print_progress
 from robrain.deploy.errors import UsageError
+from robrain.deploy.processes.kernels import prepare_kernels
+from robrain.lab.bench.figure import WIDTH, Figure, show_figures, write_json
+from robrain.lab.report.mean_interval import mean_interval
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec, FrameDelaySpec, PauseSpec
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.robot.wheels import WheelSpec
@@ -81,7 +86,7 @@ class BenchPlan(msgspec.Struct, Generic[Asked], frozen=True, kw_only=True):
 
     cases: list[Asked]
     jobs: int
-    absent: list[str]
+    absent: list[str] = []
     """Default maps that are not on this computer."""
 
 
@@ -156,6 +161,66 @@ def all_runs(run: Callable[[Asked], Made], asked: Sequence[Asked], jobs: int) ->
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def run_all(
+    bench: str,
+    plan: BenchPlan[Asked],
+    run: Callable[[Asked], Made],
+    report: Callable[[list[Made]], None],
+    figures: Callable[[list[Made]], Iterable[Figure]],
+    json_file: Path | None = None,
+    *,
+    table: Callable[[list[Made]], Table] | None = None,
+    width: int = WIDTH,
+) -> None:
+    """Make all runs of a benchmark, and print its table and figures at the end.
+
+    Args:
+        bench: its name.
+        plan: the runs.
+        run: makes one.
+        report: called with all runs so far after each of them; prints what is new.
+        figures: figures of runs.
+        json_file: written after each run, so that results are kept if the benchmark is interrupted.
+        table: table of the runs, if there is one.
+        width: of the output, in characters.
+
+    Raises:
+        OSError: `json_file` cannot be written.
+
+    """
+    write_json(json_file, bench, [], [])
+    for name in plan.absent:
+        print_progress(f"{name}: left out, it is not in {SHARED_MAPS} (see --map-folder)")
+    prepare_kernels()
+    runs: list[Made] = []
+    for made in all_runs(run, plan.cases, plan.jobs):
+        runs.append(made)
+        report(runs)
+        write_json(json_file, bench, runs, figures(runs))
+    console = new_console(width=width)
+    if table is not None:
+        console.print(table(runs))
+    if found := list(figures(runs)):
+        show_figures(f"{bench}, each figure beside the bound that it is to keep", found, console)
+
+
+def interval_words(values: Sequence[float | None], decimals: int) -> str:
+    """`35.1 [33.2, 37.5]`; with `(8 of 10)` if some values are missing, and a dash if all are."""
+    mean = mean_interval([value for value in values if value is not None])
+    return "–" if mean is None else mean.words(decimals) + _of(values)
+
+
+def mean_words(values: Sequence[float | None], decimals: int, unit: str = "") -> str:
+    """The mean alone, likewise."""
+    known = [value for value in values if value is not None]
+    return f"{sum(known) / len(known):.{decimals}f}{unit}{_of(values)}" if known else "–"
+
+
+def _of(values: Sequence[float | None]) -> str:
+    known = len(values) - values.count(None)
+    return "" if known == len(values) else f" ({known} of {len(values)})"
 
 
 @contextmanager

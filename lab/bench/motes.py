@@ -12,11 +12,10 @@ from scipy.sparse import coo_array
 from robrain.algorithms.motes.field_life import HORIZON_DAYS, FieldPlan, MoteSite, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, MoteEnergy
 from robrain.algorithms.motes.routes import RadioGraph
-from robrain.deploy.command_line.terminal import new_console, print_line
+from robrain.deploy.command_line.terminal import print_line
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.figure import Figure, at_least, deterministic, show_figures, write_json
-from robrain.lab.bench.mapping_plan import all_runs, names_of, numbers_of
-from robrain.lab.report.mean_interval import mean_interval
+from robrain.lab.bench.figure import Figure, at_least, deterministic
+from robrain.lab.bench.mapping_plan import BenchPlan, interval_words, mean_words, names_of, numbers_of, run_all
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.scenarios.scenario_file import MAX_SEED
 
@@ -157,14 +156,9 @@ def site_of(seed: int, motes: int) -> MoteSite:
     raise UsageError(f"--motes {motes}: {DRAWS_MAX} draws had no field in which all motes reach the sink; take more")
 
 
-class MotePlan(msgspec.Struct, frozen=True, kw_only=True):
-    """All runs of the benchmark."""
-
-    cases: list[MoteCase]
-    jobs: int
-
-
-def choose(methods: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int) -> MotePlan:
+def choose(
+    methods: str | None, seeds: str, motes: int, tours_per_day: float, goal_days: float, jobs: int
+) -> BenchPlan[MoteCase]:
     """Make a plan from the options.
 
     Raises:
@@ -185,29 +179,19 @@ def choose(methods: str | None, seeds: str, motes: int, tours_per_day: float, go
         for method in names
         for seed in drawn
     ]
-    return MotePlan(cases=cases, jobs=jobs)
+    return BenchPlan(cases=cases, jobs=jobs)
 
 
-def run_bench(plan: MotePlan, json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each method of running the field, and table and figures at the end.
+def run_bench(plan: BenchPlan[MoteCase], json_file: Path | None = None) -> None:
+    """Make all runs; prints a line for each method of running the field, and table and figures at the end."""
 
-    Raises:
-        UsageError: there is no such field, or `json_file` cannot be written.
+    def report(runs: list[MoteFieldRun]) -> None:
+        method = runs[-1].case.method
+        if len(runs) == len(plan.cases) or plan.cases[len(runs)].method != method:
+            first_days = [one.first_days for one in runs if one.case.method == method]
+            print_line(f"{method}: first dead mote after {interval_words(first_days, 0)} days")
 
-    """
-    write_json(json_file, "motes", [], [])
-    runs: list[MoteFieldRun] = []
-    for run in all_runs(run_case, plan.cases, plan.jobs):
-        runs.append(run)
-        made = [one for one in runs if one.case.method == run.case.method]
-        if len(runs) == len(plan.cases) or plan.cases[len(runs)].method != run.case.method:
-            print_line(f"{run.case.method}: first dead mote after {_interval([one.first_days for one in made])} days")
-            write_json(json_file, "motes", runs, figures(runs))
-    console = new_console(width=WIDTH)
-    console.print(table(runs))
-    found = list(figures(runs))
-    if found:
-        show_figures("motes, each figure beside the bound that it is to keep", found, console)
+    run_all("motes", plan, run_case, report, figures, json_file, table=table, width=WIDTH)
 
 
 def table(runs: Sequence[MoteFieldRun]) -> Table:
@@ -223,21 +207,21 @@ def table(runs: Sequence[MoteFieldRun]) -> Table:
         shown.add_column(heading, justify="right", no_wrap=True)
     tree_days = _mean([run.first_days for run in runs if run.case.method == TREE])
     for method, made in _by_method(runs).items():
-        first_days = _mean([run.first_days for run in made])
+        first_days = [run.first_days for run in made]
         shown.add_row(
             method,
             str(len(made)),
-            _interval([run.first_days for run in made]),
-            _words(_mean([run.half_days for run in made]), 0),
-            _words(_mean([run.last_days for run in made]), 0),
-            _words(_mean([run.first_days / run.bound_days for run in made]), 2),
-            _words(None if tree_days is None or first_days is None else first_days / tree_days, 2),
-            _percent(_mean([run.delivery_ratio for run in made])),
-            _percent(_mean([run.coverage for run in made])),
-            _words(_mean([run.age_h for run in made]), 1),
-            _words(_mean([run.news_age_h for run in made]), 1),
-            _words(_mean([run.robot_j_per_day / 1000.0 for run in made]), 1),
-            _words(_mean([run.driven_m_per_day for run in made]), 0),
+            interval_words(first_days, 0),
+            mean_words([run.half_days for run in made], 0),
+            mean_words([run.last_days for run in made], 0),
+            mean_words([run.first_days / run.bound_days for run in made], 2),
+            mean_words([days / tree_days for days in first_days if tree_days is not None], 2),
+            mean_words([100 * run.delivery_ratio for run in made], 1, " %"),
+            mean_words([100 * run.coverage for run in made], 1, " %"),
+            mean_words([run.age_h for run in made], 1),
+            mean_words([run.news_age_h for run in made], 1),
+            mean_words([run.robot_j_per_day / 1000.0 for run in made], 1),
+            mean_words([run.driven_m_per_day for run in made], 0),
         )
     return shown
 
@@ -259,13 +243,13 @@ def figures(runs: Sequence[MoteFieldRun]) -> Iterator[Figure]:
         made = methods.get(method, [])
         first_days = _mean([run.first_days for run in made])
         if first_days is not None and tree_days is not None:
-            age_h, news_h = _mean([run.age_h for run in made]), _mean([run.news_age_h for run in made])
-            energy_kj = _mean([run.robot_j_per_day / 1000.0 for run in made])
+            age_h, news_h = (mean_words([getattr(run, name) for run in made], 1) for name in ("age_h", "news_age_h"))
+            energy_kj = mean_words([run.robot_j_per_day / 1000.0 for run in made], 1)
             yield deterministic(
                 f"lifetime with {method} over that of the collection tree",
                 first_days / tree_days,
                 bound=at_least(OVER_TREE),
-                beside=f"data {_words(age_h, 1)} h old, newest {_words(news_h, 1)} h; {_words(energy_kj, 1)} kJ a day",
+                beside=f"data {age_h} h old, newest {news_h} h; {energy_kj} kJ a day",
             )
 
 
@@ -276,16 +260,3 @@ def _by_method(runs: Sequence[MoteFieldRun]) -> dict[str, list[MoteFieldRun]]:
 def _mean(values: Iterable[float]) -> float | None:
     known = list(values)
     return sum(known) / len(known) if known else None
-
-
-def _words(value: float | None, decimals: int) -> str:
-    return "–" if value is None else f"{value:.{decimals}f}"
-
-
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f} %"
-
-
-def _interval(values: Sequence[float]) -> str:
-    found = mean_interval(values)
-    return "–" if found is None else found.words(0)

@@ -77,7 +77,7 @@ def fork(
             in_force=recorded.policy_at(at_s),
         )
         prepare_kernels(quiet=as_json)
-        with fork_display(at_s, quiet=as_json) as display:
+        with fork_display(at_s, quiet=as_json) as show:
             result = fork_run(
                 recorded,
                 at_s,
@@ -85,7 +85,7 @@ def fork(
                 output=path,
                 seconds=seconds,
                 overwrite=overwrite,
-                on_progress=_print_progress if as_json and show_progress else display.show,
+                on_progress=_print_progress if as_json and show_progress else show,
             )
     runs = compare_runs(recording, path) if result.same_whole is not True else None
     if as_json:

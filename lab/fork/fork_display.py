@@ -1,6 +1,6 @@
 """Terminal output of `robrain fork`: how the part before compares, and both runs beside each other."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.progress import BarColumn, Progress
@@ -23,36 +23,27 @@ DIGITS = 16
 """Of a digest that are shown."""
 
 
-class ForkDisplay:
-    """The progress bar of one fork: first to the moment, then on."""
-
-    def __init__(self, progress: Progress, at_s: float) -> None:
-        self._progress = progress
-        self._at_s = at_s
-        self._bar = progress.add_task("again", total=max(at_s, 1e-9), clock="", explored="")
-
-    def show(self, now: RunProgress) -> None:
-        """Draw the progress."""
-        is_again = now.sim_time_s < self._at_s
-        self._progress.update(
-            self._bar,
-            description="again" if is_again else "what if",
-            completed=min(now.sim_time_s, self._at_s),
-            clock=clock_of(now.sim_time_s),
-            explored=f"{now.explored_fraction:.1%}",
-        )
-
-
 @contextmanager
-def fork_display(at_s: float, *, quiet: bool = False) -> Iterator[ForkDisplay]:
-    """A progress bar for the duration of the block; prints nothing if the stream is not a terminal."""
+def fork_display(at_s: float, *, quiet: bool = False) -> Iterator[Callable[[RunProgress], None]]:
+    """A bar for the duration of the block, first to the moment, then on; nothing if the stream is not a terminal."""
     columns = (
         text_column("{task.description}"),
         BarColumn(bar_width=30),
         text_column("{task.fields[clock]} simulated, {task.fields[explored]} explored"),
     )
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
-        yield ForkDisplay(progress, at_s)
+        bar = progress.add_task("again", total=max(at_s, 1e-9), clock="", explored="")
+
+        def show(now: RunProgress) -> None:
+            progress.update(
+                bar,
+                description="again" if now.sim_time_s < at_s else "what if",
+                completed=min(now.sim_time_s, at_s),
+                clock=clock_of(now.sim_time_s),
+                explored=f"{now.explored_fraction:.1%}",
+            )
+
+        yield show
 
 
 def show_fork(result: ForkResult, runs: TwoRuns | None) -> None:

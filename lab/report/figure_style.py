@@ -114,11 +114,6 @@ def picture(figure: Figure, form: str = "svg") -> bytes:
     return out.getvalue()
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as a PNG; the same figure gives the same bytes."""
-    return picture(figure, "png")
-
-
 Curve = Sequence[tuple[float, float]]
 """Times and values of a run."""
 
@@ -165,6 +160,12 @@ def draw_groups(axes: Axes, groups: Sequence[Sequence[float]], expected: Sequenc
     axes.margins(x=0.08)
 
 
+def bar(axes: Axes, row: int, value: float, color: str, words: str) -> None:
+    """Draw a bar from zero in a row, with words at its end."""
+    axes.barh(row, value, color=color, height=0.65)
+    axes.annotate(words, (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+
+
 def label_rows(axes: Axes, labels: Sequence[str], title: str = "") -> None:
     """Name the rows of a figure, and their quantity."""
     axes.set_yticks(range(len(labels)), labels)
@@ -178,7 +179,11 @@ def draw_mean_curves(axes: Axes, groups: Sequence[Sequence[Curve]], labels: Sequ
         drawn = [curve for curve in curves if curve]
         if not drawn:
             continue
-        times, mean, ends = mean_curve(drawn)
+        if len(drawn) == 1:
+            times, mean = np.array(drawn[0], np.float64).T
+            ends = None
+        else:
+            times, mean, ends = mean_curve(drawn)
         style = line_style(index)
         axes.plot(times / unit_s, mean, label=label, **style)
         if ends is not None:
@@ -187,18 +192,12 @@ def draw_mean_curves(axes: Axes, groups: Sequence[Sequence[Curve]], labels: Sequ
 
 def mean_curve(
     curves: Sequence[Curve],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]:
-    """Times, means and both ends of the 95 % interval; no ends for a single curve."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Times, means and both ends of the 95 % interval of several curves."""
     longest_s = max(curve[-1][0] for curve in curves)
     times = np.linspace(0.0, longest_s, CURVE_POINTS)
     values = np.array([np.interp(times, *np.array(curve, np.float64).T) for curve in curves])
-    mean = values.mean(axis=0)
-    return times, mean, None if len(curves) < 2 else bootstrap_interval(values)
-
-
-def zero_line(axes: Axes) -> None:
-    """A line at no difference."""
-    axes.axvline(0.0, color=FAINT, linewidth=1.2, zorder=0.9)
+    return times, values.mean(axis=0), bootstrap_interval(values)
 
 
 def _spread(count: int) -> NDArray[np.float64]:

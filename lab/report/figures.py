@@ -2,6 +2,7 @@
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +20,8 @@ from robrain.lab.report.figure_style import (
     MARKERS,
     NEUTRAL,
     WARN,
+    bar,
+    draw_mean_curves,
     label,
     legend,
     line_style,
@@ -47,29 +50,35 @@ HAPPENING_COLORS = {
 SILENT_WIDTH = 4.0
 
 
-def explored_figure(runs: list[RunData]) -> Figure | None:
-    """Explored share over time, a line for each run; known area where no arena reports the share; None without both."""
-    shares, curves = explored_curves(runs)
-    if not any(curves):
+def explored_figure(groups: Sequence[tuple[str, Sequence[RunData]]]) -> Figure | None:
+    """Explored share over time, a line for each group of runs by its name: of several runs the mean with its interval.
+
+    Known area where no arena reports the share; None without both.
+    """
+    runs = [run for _, group in groups for run in group]
+    shares = any(run.explored for run in runs)
+    scale = 100.0 if shares else 1.0
+    drawn = [
+        [[(t_s, scale * value) for t_s, value in (run.explored if shares else run.known_m2)] for run in group]
+        for _, group in groups
+    ]
+    if not any(map(any, drawn)):
         return None
-    figure = new_figure()
-    axes = figure.add_subplot()
-    unit_s = time_axis(axes, max(run.duration_s for run in runs))
-    for index, (run, curve) in enumerate(zip(runs, curves, strict=True)):
-        if curve:
-            times, values = np.array(curve, np.float64).T
-            axes.plot(times / unit_s, 100 * values if shares else values, label=label(run.name), **line_style(index))
+    several = ": mean over the seeds and its 95 % interval" if len(runs) > len(groups) else ""
+    figure, axes, unit_s = _over_time(f"Explored over time{several}", max(run.duration_s for run in runs))
+    draw_mean_curves(axes, drawn, [label(name) for name, _ in groups], unit_s)
     axes.set_ylabel("Explored (% of the reachable floor)" if shares else "Known area (m²)")
     axes.set_ylim(0, 100 if shares else None)
-    axes.set_title("Explored over time")
-    legend(axes, len(runs))
+    legend(axes, len(groups))
     return figure
 
 
-def explored_curves(runs: list[RunData]) -> tuple[bool, list[list[tuple[float, float]]]]:
-    """Whether an arena reports the explored share, and the shares of each run or else the known areas."""
-    shares = any(run.explored for run in runs)
-    return shares, [run.explored if shares else run.known_m2 for run in runs]
+def _over_time(title: str, duration_s: float, height_in: float = 4.2) -> tuple[Figure, Axes, float]:
+    """A figure with one panel over time, and the seconds of its unit of time."""
+    figure = new_figure(height_in=height_in)
+    axes = figure.add_subplot()
+    axes.set_title(title)
+    return figure, axes, time_axis(axes, duration_s)
 
 
 def trajectory_figure(run: RunData) -> Figure | None:
@@ -184,10 +193,8 @@ def task_figure(run: RunData) -> Figure | None:
     robots = sorted(spans, key=natural_key)[:BARS_MAX]
     if not robots:
         return None
-    figure = new_figure(9.0, min(1.5 + 0.42 * max(len(robots), 3), 12.0))
-    axes = figure.add_subplot()
-    axes.set_title("Tasks by robot")
-    unit_s = time_axis(axes, run.duration_s)
+    height_in = min(1.5 + 0.42 * max(len(robots), 3), 12.0)
+    figure, axes, unit_s = _over_time("Tasks by robot", run.duration_s, height_in)
     for row, robot in enumerate(robots):
         for task, start_s, end_s in spans[robot]:
             color = TASK_COLORS.get(task.state, NEUTRAL) if (task.ended_s or end_s) <= end_s + 1.0 else NEUTRAL
@@ -196,9 +203,7 @@ def task_figure(run: RunData) -> Figure | None:
             if width * unit_s > 0.05 * run.duration_s:
                 place = (start_s + end_s) / 2 / unit_s
                 axes.text(place, row, label(task.kind), ha="center", va="center", fontsize=8, color="white")
-    axes.set_yticks(range(len(robots)), [label(robot) for robot in robots])
-    axes.invert_yaxis()
-    axes.grid(visible=False, axis="y")
+    _name_rows(axes, robots)
     words = {"done": GOOD, "failed": BAD, "lost contact": WARN, "cancelled": FAINT, "handed on, or not ended": NEUTRAL}
     handles = [Patch(color=color) for color in words.values()]
     axes.legend(handles, list(words), loc="upper left", bbox_to_anchor=(0.0, -0.9 / max(len(robots), 3)), ncols=5)
@@ -210,10 +215,7 @@ def battery_figure(run: RunData) -> Figure | None:
     robots = [robot for robot in _robots(run) if np.isfinite(np.array(robot.soc)).any()]
     if not robots:
         return None
-    figure = new_figure()
-    axes = figure.add_subplot()
-    axes.set_title("State of charge, with the robots' own 95 % interval")
-    unit_s = time_axis(axes, run.duration_s)
+    figure, axes, unit_s = _over_time("State of charge, with the robots' own 95 % interval", run.duration_s)
     lowest, highest = 100.0, 0.0
     for index, robot in enumerate(robots):
         style = line_style(index)
@@ -255,9 +257,7 @@ def mote_figure(run: RunData) -> Figure | None:
     for row, mote in enumerate(shown):
         color = _supply_color(mote.voltage_v[-1])
         right.plot(np.array(mote.t_s) / unit_s, np.full(len(mote.t_s), row), "|", color=color, markersize=5)
-    right.set_yticks(range(len(shown)), [label(mote.name) for mote in shown], fontsize=max(4, 8 - len(shown) // 10))
-    right.invert_yaxis()
-    right.grid(visible=False, axis="y")
+    _name_rows(right, [mote.name for mote in shown], fontsize=max(4, 8 - len(shown) // 10))
     return figure
 
 
@@ -274,14 +274,12 @@ def traffic_figure(run: RunData) -> Figure | None:
     figure = new_figure(9.0, 1.4 + 0.3 * max(len(topics), 3))
     left, right = figure.subplots(1, 2, sharey=True)
     for axes, column, scale, title, unit in ((left, 0, 1, "Messages", ""), (right, 1, 1000, "Bytes", " kB")):
-        values = np.array([counted[topic][column] for topic in topics]) / scale
-        axes.barh(range(len(topics)), values, color=NEUTRAL, height=0.65)
+        values = [counted[topic][column] / scale for topic in topics]
         for row, value in enumerate(values):
-            axes.annotate(f"{value:,.0f}{unit}", (value, row), xytext=(4, 0), textcoords="offset points", va="center",
-                          fontsize=8)  # fmt: skip
+            bar(axes, row, value, NEUTRAL, f"{value:,.0f}{unit}")
         axes.set_title(f"{title} by topic")
         axes.set_xlabel("Messages" if column == 0 else "Payload (kB)")
-        axes.set_xlim(0, float(values.max()) * 1.2 + 1e-9)
+        axes.set_xlim(0, max(values) * 1.2 + 1e-9)
         axes.grid(visible=False, axis="y")
     left.set_yticks(range(len(topics)), [topic.replace("_", " ") for topic in topics])
     return figure
@@ -299,10 +297,7 @@ def happenings_figure(run: RunData) -> Figure | None:
     rows = subjects + ["tasks and log"] * bool(points)
     if not rows:
         return None
-    figure = new_figure(9.0, 1.4 + 0.36 * max(len(rows), 2))
-    axes = figure.add_subplot()
-    axes.set_title("Faults and recoveries")
-    unit_s = time_axis(axes, run.duration_s)
+    figure, axes, unit_s = _over_time("Faults and recoveries", run.duration_s, 1.4 + 0.36 * max(len(rows), 2))
     least_s = 0.004 * run.duration_s
     lanes = {(happening.subject, happening.kind) for happening in run.happenings if happening.lasts}
     for happening in run.happenings:
@@ -319,14 +314,19 @@ def happenings_figure(run: RunData) -> Figure | None:
             axes.barh(row, width, left=left, height=height, color=color, hatch=hatch, edgecolor="white", linewidth=0.4)
     for happening in points:
         axes.plot(happening.start_s / unit_s, len(rows) - 1, "x" if happening.kind == "task" else "|", color=BAD)
-    axes.set_yticks(range(len(rows)), [label(row) for row in rows])
-    axes.set_ylim(len(rows) - 0.5, -0.5)
-    axes.grid(visible=False, axis="y")
+    _name_rows(axes, rows)
     kinds = [kind for kind in HAPPENING_COLORS if any(happening.kind == kind for happening in run.happenings)]
     if kinds:
         handles = [Patch(color=HAPPENING_COLORS[kind]) for kind in kinds]
         axes.legend(handles, kinds, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
+
+
+def _name_rows(axes: Axes, names: Sequence[str], fontsize: float | None = None) -> None:
+    """Rows from the top, each with its name."""
+    axes.set_yticks(range(len(names)), [label(name) for name in names], fontsize=fontsize)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
 
 
 def _robots(run: RunData) -> list[RobotRun]:

@@ -21,19 +21,16 @@ from matplotlib.figure import Figure
 from robrain.lab.report import figures
 from robrain.lab.report.figure_style import (
     FORMATS,
+    bar,
     draw_groups,
-    draw_mean_curves,
     figure_style,
     label,
     label_rows,
-    legend,
     line_style,
-    new_figure,
     panels,
     picture,
-    time_axis,
 )
-from robrain.lab.report.figures import accuracy_figure, explored_curves
+from robrain.lab.report.figures import accuracy_figure
 from robrain.lab.report.mean_interval import MeanInterval, mean_interval
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.safe_text import safe_text
@@ -123,9 +120,8 @@ def comparison_figure(runs: list[RunData]) -> Figure | None:
         values = [total[name] for total in compared]
         for row, value in enumerate(values):
             if value is not None:
-                axes.barh(row, value, color=line_style(row)["color"], height=0.65)
-                axes.annotate(f"{value:,.4g}" if value < 1000 else f"{value:,.0f}", (value, row), xytext=(4, 0),
-                              textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+                words = f"{value:,.4g}" if value < 1000 else f"{value:,.0f}"
+                bar(axes, row, value, line_style(row)["color"], words)
         axes.set_xlim(0, max(value for value in values if value is not None) * 1.25 + 1e-9)
         axes.grid(visible=False, axis="y")
     label_rows(all_axes[0], names)
@@ -173,26 +169,6 @@ def has_several_seeds(groups: Sequence[RunGroup]) -> bool:
     return any(len(group.runs) > 1 for group in groups)
 
 
-def grouped_explored_figure(groups: Sequence[RunGroup]) -> Figure | None:
-    """Mean explored share over time of each group, with its interval; None if no run has it."""
-    runs = [run for group in groups for run in group.runs]
-    shares, curves = explored_curves(runs)
-    if not any(curves):
-        return None
-    figure = new_figure()
-    axes = figure.add_subplot()
-    unit_s = time_axis(axes, max(run.duration_s for run in runs))
-    scale = 100.0 if shares else 1.0
-    scaled = iter([[(t_s, scale * value) for t_s, value in curve] for curve in curves])
-    drawn = [[next(scaled) for _ in group.runs] for group in groups]
-    draw_mean_curves(axes, drawn, [label(group.name) for group in groups], unit_s)
-    axes.set_ylabel("Explored (% of the reachable floor)" if shares else "Known area (m²)")
-    axes.set_ylim(0, 100 if shares else None)
-    axes.set_title("Explored over time: mean over the seeds and its 95 % interval")
-    legend(axes, len(groups))
-    return figure
-
-
 def grouped_comparison_figure(groups: Sequence[RunGroup]) -> Figure | None:
     """Totals of the runs of each group with mean and interval: a panel for each total that any run has."""
     shown = {total: [group.values(total) for group in groups] for total in COMPARED}
@@ -219,7 +195,7 @@ def _name(runs: Sequence[RunData]) -> str:
 
 
 FIGURES: dict[str, Callable[[RunData], Figure | None]] = {
-    "explored": lambda run: figures.explored_figure([run]),
+    "explored": lambda run: figures.explored_figure([(run.name, [run])]),
     "trajectories": figures.trajectory_figure,
     "accuracy": accuracy_figure,
     "tasks": figures.task_figure,
@@ -397,11 +373,13 @@ def _comparison(runs: Sequence[RunData], groups: Sequence[RunGroup], pictures: _
                 for run, each in zip(runs, compared, strict=True)
             ],
         )
-        drawn = {"explored": grouped_explored_figure(groups), "comparison": grouped_comparison_figure(groups)}
+        compared_figure = grouped_comparison_figure(groups)
     else:
         names, seeds = [run.name for run in runs], None
         rows = {total: [_number(each.get(total)) for each in compared] for total in names_of(compared)}
-        drawn = {"explored": figures.explored_figure(list(runs)), "comparison": comparison_figure(list(runs))}
+        compared_figure = comparison_figure(list(runs))
+    explored_figure = figures.explored_figure([(group.name, group.runs) for group in groups])
+    drawn = {"explored": explored_figure, "comparison": compared_figure}
     shown = {name: pictures.add(name, figure) for name, figure in drawn.items() if figure is not None}
     return RunComparison(names, rows, seeds, shown, _two_runs_table(*runs) if len(runs) == 2 else None)
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import msgspec
 
-from robrain.lab.soak.operator import OPERATOR, Promises
+from robrain.lab.soak.operator import OPERATOR, breach_reason
 from robrain.lab.soak.soak_run import SoakRun
 from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_ns, to_seconds
@@ -89,6 +89,22 @@ def broken_in(judging: Judging) -> list[Broken]:
     ]
 
 
+class Settling:
+    """Whether a run has settled and stayed so."""
+
+    def __init__(self) -> None:
+        self._quiet_ns: int | None = None
+
+    def stays(self, is_settled: bool, now_ns: int) -> bool:
+        """Record the state of now; true once it was settled for `QUIET_S`."""
+        if not is_settled:
+            self._quiet_ns = None
+            return False
+        if self._quiet_ns is None:
+            self._quiet_ns = now_ns
+        return now_ns - self._quiet_ns > to_ns(QUIET_S)
+
+
 class Judge:
     """Judges one run.
 
@@ -103,7 +119,6 @@ class Judge:
         script = run.script
         self._run = run
         self._asked = {order.task.id: order.task for order in script.tasks}
-        self._promises = Promises(self._asked, run.operator)
         self._events = Inbox(capacity=65536, border=Border())
         """By no clock: the components' clocks may differ from the run's."""
         self._as_recorded = Judging(judges=AS_RECORDED)
@@ -131,7 +146,7 @@ class Judge:
         work_s = TASK_S * len(self._asked) / max(1, len(script.robots) // 2)
         self.settled_by_s = script.faults_end_s + PATIENCE_S + work_s
         """Time by which the run must have settled; faults that wait for events postpone it."""
-        self._quiet_ns: int | None = None
+        self._settling = Settling()
 
     @property
     def done_count(self) -> int:
@@ -142,14 +157,7 @@ class Judge:
     def is_over(self) -> bool:
         """Whether the run has settled and stayed so, or should have."""
         now_ns = self._run.now_ns
-        if now_ns > to_ns(self.settled_by_s):
-            return True
-        if not self._is_settled:
-            self._quiet_ns = None
-            return False
-        if self._quiet_ns is None:
-            self._quiet_ns = now_ns
-        return now_ns - self._quiet_ns > to_ns(QUIET_S)
+        return now_ns > to_ns(self.settled_by_s) or self._settling.stays(self._is_settled, now_ns)
 
     @property
     def _is_settled(self) -> bool:
@@ -286,7 +294,7 @@ class Judge:
         record = None if coordinator is None else coordinator.tasks.find(task_id)
         if coordinator is None or (record is not None and task_id not in self._ends):
             return  # reported already, as not settled
-        if breach := self._promises.breach_reason(task_id, record):
+        if breach := breach_reason(self._run.operator, self._asked, task_id, record):
             self._break(TeamRule.LOST, task_id, breach)
         elif self._ends[task_id][0] is TaskState.DONE and task_id not in self._done:
             self._break(TeamRule.NOT_DONE, task_id, f"{task_id} counts as done, and no robot has done it")

@@ -158,42 +158,29 @@ class Operator:
         return {names["robot"] for names in self._robots.present.values()}
 
 
-class Promises:
-    """The promises of one run.
+def breach_reason(operator: Operator, asked: Mapping[str, Task], task_id: str, record: TaskRecord | None) -> str:
+    """Reason why an acknowledged task's end was not requested, in one sentence; empty if it was.
 
     Args:
-        asked: every task of the script.
         operator: sender of the orders.
+        asked: every task of the script.
+        task_id: the task.
+        record: as the coordinator has it at the end of the run.
 
     """
 
-    def __init__(self, asked: Mapping[str, Task], operator: Operator) -> None:
-        self._asked = asked
-        self._operator = operator
-
-    def breach_reason(self, task_id: str, record: TaskRecord | None) -> str:
-        """Reason why an acknowledged task's end was not requested, in one sentence; empty if it was.
-
-        Args:
-            task_id: the task.
-            record: as the coordinator has it at the end of the run.
-
-        """
-        operator = self._operator
-        if record is None:
-            return f"{task_id} was acknowledged, and the coordinator does not know it"
-        if record.state is TaskState.DONE and task_id in operator.cancelled:
-            return f"{task_id} is done, although its cancellation was acknowledged"
-        if record.state is TaskState.CANCELLED and task_id not in operator.asked_to_cancel:
-            if not any(self._may_fail(name) for name in self._asked[task_id].after):
-                return f"{task_id} is cancelled, and nobody asked for that"
-        elif record.state is TaskState.FAILED and not self._may_fail(task_id):
-            return f"{task_id} has failed without need: {record.why}"
-        return ""
-
-    def _may_fail(self, task_id: str) -> bool:
+    def may_fail(name: str) -> bool:
         """Whether a task, or one that it waits for, may end otherwise than done."""
-        task = self._asked[task_id]
-        if task.deadline_ns is not None or task_id in self._operator.asked_to_cancel:
-            return True
-        return any(self._may_fail(name) for name in task.after)
+        task = asked[name]
+        return task.deadline_ns is not None or name in operator.asked_to_cancel or any(map(may_fail, task.after))
+
+    if record is None:
+        return f"{task_id} was acknowledged, and the coordinator does not know it"
+    if record.state is TaskState.DONE and task_id in operator.cancelled:
+        return f"{task_id} is done, although its cancellation was acknowledged"
+    if record.state is TaskState.CANCELLED and task_id not in operator.asked_to_cancel:
+        if not any(map(may_fail, asked[task_id].after)):
+            return f"{task_id} is cancelled, and nobody asked for that"
+    elif record.state is TaskState.FAILED and not may_fail(task_id):
+        return f"{task_id} has failed without need: {record.why}"
+    return ""

@@ -1,6 +1,7 @@
 """Draws fault scripts from seeds."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -141,20 +142,6 @@ def _kill(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
     return FaultSpec(robot=target, kind=FaultKind.KILL, at_s=at_s, until_s=round(until_s, 1), on=on)
 
 
-def _hang(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    return FaultSpec(robot=target, kind=FaultKind.HANG, at_s=at_s, until_s=_until(rng, at_s, 12.0))
-
-
-def _slow(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    period_s = round(float(rng.uniform(0.2, 0.9)), 1)
-    return FaultSpec(robot=target, kind=FaultKind.SLOW, at_s=at_s, until_s=_until(rng, at_s, 20.0), period_s=period_s)
-
-
-def _skew(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    skew_s = round(float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 20.0)), 1)
-    return FaultSpec(robot=target, kind=FaultKind.CLOCK_SKEW, at_s=at_s, until_s=_until(rng, at_s, 20.0), skew_s=skew_s)
-
-
 def _disk(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
     return FaultSpec(robot=COORDINATOR, kind=FaultKind.DISK_FULL, at_s=at_s, until_s=_until(rng, at_s, 15.0))
 
@@ -164,36 +151,35 @@ def _drain(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
     return FaultSpec(robot=robot, kind=FaultKind.DRAIN, at_s=at_s, soc=round(float(rng.uniform(0.12, 0.3)), 2))
 
 
-def _lose(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    share = round(float(rng.uniform(0.05, 0.7)), 2)
-    return FaultSpec(robot=target, kind=FaultKind.LOSE, at_s=at_s, until_s=_until(rng, at_s, 20.0), share=share)
+def _lasting(kind: FaultKind, most_s: float, **options: Callable[[np.random.Generator], object]) -> Draw:
+    """Draws of a fault that ends after at most this time; its options are drawn first."""
+
+    def draw(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
+        drawn: dict[str, Any] = {name: option(rng) for name, option in options.items()}
+        return FaultSpec(robot=target, kind=kind, at_s=at_s, until_s=_until(rng, at_s, most_s), **drawn)
+
+    return draw
 
 
-def _delay(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    late_s = (0.0, round(float(rng.uniform(0.1, 0.8)), 1))
-    return FaultSpec(robot=target, kind=FaultKind.DELAY, at_s=at_s, until_s=_until(rng, at_s, 20.0), late_s=late_s)
-
-
-def _reorder(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    late_s = (0.0, round(float(rng.uniform(0.2, 0.8)), 1))
-    return FaultSpec(robot=target, kind=FaultKind.REORDER, at_s=at_s, until_s=_until(rng, at_s, 20.0), late_s=late_s)
-
-
-def _partition(rng: np.random.Generator, target: str, at_s: float) -> FaultSpec:
-    return FaultSpec(robot=target, kind=FaultKind.PARTITION, at_s=at_s, until_s=_until(rng, at_s, 15.0))
+def _late(rng: np.random.Generator, least_s: float) -> tuple[float, float]:
+    return 0.0, round(float(rng.uniform(least_s, 0.8)), 1)
 
 
 _KINDS: dict[str, Draw] = {
     "kill": _kill,
-    "hang": _hang,
-    "slow": _slow,
-    "skew": _skew,
+    "hang": _lasting(FaultKind.HANG, 12.0),
+    "slow": _lasting(FaultKind.SLOW, 20.0, period_s=lambda rng: round(float(rng.uniform(0.2, 0.9)), 1)),
+    "skew": _lasting(
+        FaultKind.CLOCK_SKEW,
+        20.0,
+        skew_s=lambda rng: round(float(rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 20.0)), 1),
+    ),
     "disk": _disk,
     "drain": _drain,
-    "lose": _lose,
-    "delay": _delay,
-    "reorder": _reorder,
-    "partition": _partition,
+    "lose": _lasting(FaultKind.LOSE, 20.0, share=lambda rng: round(float(rng.uniform(0.05, 0.7)), 2)),
+    "delay": _lasting(FaultKind.DELAY, 20.0, late_s=lambda rng: _late(rng, 0.1)),
+    "reorder": _lasting(FaultKind.REORDER, 20.0, late_s=lambda rng: _late(rng, 0.2)),
+    "partition": _lasting(FaultKind.PARTITION, 15.0),
 }
 
 

@@ -44,36 +44,25 @@ def soak(
         raise UsageError("--full: expected no --repeat with it; a script says what it is run with")
     if repeat is not None:
         _repeat(repeat, as_json=as_json)
-    else:
-        _soak(seed, runs or 100, jobs, minutes, output, shrink, is_full=full, as_json=as_json)
+        return
 
-
-def _soak(
-    seed: int,
-    runs: int,
-    jobs: int | None,
-    minutes: float | None,
-    output: Path,
-    shrink: int,
-    *,
-    is_full: bool,
-    as_json: bool,
-) -> None:
     from robrain.lab.soak.soak_display import show_soak, soak_display
-    from robrain.lab.soak.soaking import SoakOptions, soak
+    from robrain.lab.soak.soaking import SoakOptions
+    from robrain.lab.soak.soaking import soak as run_soak
     from robrain.lab.sweep.sweep import cores
 
+    count = runs or 100
     options = SoakOptions(
-        seeds=range(seed, seed + runs),
+        seeds=range(seed, seed + count),
         jobs=jobs or cores(),
         minutes=minutes,
         output=output,
         trials_max=shrink,
-        is_full=is_full,
+        is_full=full,
         quiet=as_json,
     )
-    with soak_display(runs, quiet=as_json) as show:
-        result = soak(options, show)
+    with soak_display(count, quiet=as_json) as show:
+        result = run_soak(options, show)
     if as_json:
         print_json(result)
     else:

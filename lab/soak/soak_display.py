@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robrain.deploy.command_line.terminal import both_at_a_terminal, console, print_line, results, text_column
+from robrain.deploy.command_line.terminal import print_line, results
 from robrain.lab.soak.fault_script import FaultScript
 from robrain.lab.soak.judge import Broken
 from robrain.lab.soak.soaking import SoakResult
 from robrain.lab.soak.trial import TrialVerdict
+from robrain.lab.sweep.sweep_display import counting_bar
 from robrain.sim.faults.fault_spec import FaultSpec
 
 SHOWN_FAILURES = 20
@@ -19,25 +19,8 @@ SHOWN_FAILURES = 20
 @contextmanager
 def soak_display(runs: int, *, quiet: bool = False) -> Iterator[Callable[[SoakResult], None]]:
     """A bar for the duration of the block."""
-    columns = (
-        text_column("{task.description}"),
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        text_column("{task.fields[broken]}", "red"),
-        TimeElapsedColumn(),
-        text_column("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(
-        *columns, console=console, disable=quiet or not console.is_terminal, redirect_stdout=both_at_a_terminal()
-    ) as bars:
-        bar = bars.add_task("scripts", total=runs, broken="")
-
-        def show(now: SoakResult) -> None:
-            broken = f"{len(now.failures)} broken" if now.failures else ""
-            bars.update(bar, completed=now.runs, broken=broken)
-
-        yield show
+    with counting_bar("scripts", runs, quiet=quiet) as update:
+        yield lambda now: update(now.runs, f"{len(now.failures)} broken" if now.failures else "")
 
 
 def show_soak(result: SoakResult) -> None:

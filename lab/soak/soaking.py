@@ -24,17 +24,16 @@ from robrain.lab.soak.fault_script import (
     TaskInput,
     script_json,
 )
-from robrain.lab.soak.judge import QUIET_S, Broken, TeamRule, broken_in
-from robrain.lab.soak.operator import OPERATOR, Operator, Promises
+from robrain.lab.soak.judge import Broken, Settling, TeamRule, broken_in
+from robrain.lab.soak.operator import OPERATOR, Operator, breach_reason
 from robrain.lab.soak.script_drawing import draw_script
 from robrain.lab.soak.shrink import TRIALS_MAX, Shrinker, with_sides_of
 from robrain.lab.soak.soak_run import quiet
 from robrain.lab.soak.trial import TrialVerdict, run_trial
 from robrain.lab.sweep.crew import LocalCrew
-from robrain.lab.sweep.execution import execute_all
+from robrain.lab.sweep.execution import execute
 from robrain.lab.sweep.run_outcome import RunState
 from robrain.lab.sweep.worker import is_asked_to_stop
-from robrain.protocol.clock import to_ns
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
@@ -143,9 +142,8 @@ class _Trial:
         wire = Endpoint(run.session, "default", run.clock, Drive.LOCKSTEP, party=party)
         self._operator = Operator(wire, script, repeats=True)
         self._script = script
-        self._promises = Promises({order.task.id: order.task for order in script.tasks}, self._operator)
         self._ticks = 0
-        self._quiet_ns: int | None = None
+        self._settling = Settling()
         self._limit_s = script.faults_end_s + PATIENCE_S + TASK_S * len(script.tasks)
 
     def tick(self) -> None:
@@ -166,14 +164,7 @@ class _Trial:
         run = self._run
         if run.sim_time_s > self._limit_s:
             return True
-        if self._ticks % OPERATOR_TICKS:
-            return False
-        now_ns = run.clock.now_ns()
-        if not self._is_settled:
-            self._quiet_ns = None
-        elif self._quiet_ns is None:
-            self._quiet_ns = now_ns
-        return self._quiet_ns is not None and now_ns - self._quiet_ns > to_ns(QUIET_S)
+        return not self._ticks % OPERATOR_TICKS and self._settling.stays(self._is_settled, run.clock.now_ns())
 
     def unsettled(self) -> Iterator[Broken]:
         """Tasks that have not ended, and other open ends of the run."""
@@ -191,11 +182,12 @@ class _Trial:
     def lost(self) -> Iterator[Broken]:
         """Promises that were not kept; a task may fail at a robot with broken hardware."""
         may_fail = any(fault.kind in HARDWARE for fault in self._script.faults)
+        asked = {order.task.id: order.task for order in self._script.tasks}
         for task in self._operator.acknowledged:
             record = self._run.coordinator.tasks.find(task)
             if may_fail and record is not None and record.state in (TaskState.FAILED, TaskState.CANCELLED):
                 continue
-            if breach := self._promises.breach_reason(task, record):
+            if breach := breach_reason(self._operator, asked, task, record):
                 yield Broken(TeamRule.LOST, round(self._run.sim_time_s, 1), breach)
 
     @property
@@ -461,7 +453,7 @@ def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambd
             return interrupt.requested or is_late
 
         tasks = [SoakTask(seed=seed, trials_max=options.trials_max, is_full=options.is_full) for seed in options.seeds]
-        execute_all(tasks, crew, keep, without_result, should_stop)
+        execute(tasks, crew, keep, without_result, should_stop)
         result.interrupted = interrupt.requested
     result.wall_time_s = time.monotonic() - began_s
     return result

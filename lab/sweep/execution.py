@@ -6,8 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from typing import TypeVar
 
 from robrain.lab.sweep.crew import Crew
-from robrain.lab.sweep.run_outcome import RunRecord, RunState
-from robrain.lab.sweep.worker import RunTask
+from robrain.lab.sweep.run_outcome import RunState
 
 CHECK_S = 0.2
 """Period of the checks for an interrupt."""
@@ -19,20 +18,6 @@ R = TypeVar("R")
 
 
 def execute(
-    tasks: Iterable[RunTask],
-    crew: Crew[RunTask, RunRecord],
-    on_record: Callable[[RunRecord], None],
-    should_stop: Callable[[], bool] = lambda: False,
-) -> None:
-    """Run all runs of a sweep, as `execute_all` does."""
-
-    def without_result(task: RunTask, state: RunState, error: str) -> RunRecord:
-        return RunRecord(run=task.run, state=state, error=error)
-
-    execute_all(tasks, crew, on_record, without_result, should_stop)
-
-
-def execute_all(
     tasks: Iterable[T],
     crew: Crew[T, R],
     on_record: Callable[[R], None],

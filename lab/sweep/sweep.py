@@ -24,6 +24,7 @@ from pyarrow.csv import write_csv
 from robrain.deploy.errors import SweepError, UsageError
 from robrain.deploy.processes.kernels import prepare_kernels
 from robrain.lab.report.figure_style import (
+    FAINT,
     draw_groups,
     draw_mean_curves,
     figure_style,
@@ -34,7 +35,6 @@ from robrain.lab.report.figure_style import (
     panels,
     picture,
     time_axis,
-    zero_line,
 )
 from robrain.lab.sweep.crew import Crew, DaskCrew, LocalCrew
 from robrain.lab.sweep.execution import execute
@@ -147,7 +147,7 @@ def _differences(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
         return None
     figure, all_axes = panels(len(shown), len(labels) - 1, max(map(len, labels[1:])))
     for axes, (column, pairs) in zip(all_axes, shown.items(), strict=True):
-        zero_line(axes)
+        axes.axvline(0.0, color=FAINT, linewidth=1.2, zorder=0.9)
         draw_groups(axes, [[], *pairs])
         axes.set_ylim(len(pairs) + 0.5, 0.5)
         axes.set_title(_heading(column))
@@ -178,11 +178,6 @@ def _title(plan: SweepPlan, what: str) -> str:
 
 
 SOURCES = Path(__file__).resolve().parents[2]
-
-
-def all_versions() -> dict[str, str]:
-    """Versions of Python, robrain and the packages behind a digest, and the revision of the sources if git knows it."""
-    return {**software_versions(MORE_PACKAGES), **revision()}
 
 
 def revision() -> dict[str, str]:
@@ -255,7 +250,7 @@ def identity_of(plan: SweepPlan, *, record: bool) -> SweepIdentity:
         settings={setting.label: setting.sha256 for setting in plan.settings},
         inputs=plan.inputs,
         record=record,
-        versions=all_versions(),
+        versions={**software_versions(MORE_PACKAGES), **revision()},
     )
 
 
@@ -268,11 +263,6 @@ def earlier_sessions(folder: SweepFolder) -> list[Session]:
         return []
     except (OSError, msgspec.DecodeError) as error:
         raise SweepError(f"{path}: cannot be read: {error}") from error
-
-
-def new_session(command: Sequence[str], workers: str, started: str) -> Session:
-    """The session of a call that begins."""
-    return Session(command=shlex.join(command), started=started, workers=workers, host=host_description())
 
 
 def write_manifest(
@@ -329,8 +319,8 @@ def table_of(plan: SweepPlan, records: Mapping[str, RunRecord]) -> pa.Table:
         "state": (pa.string(), []),
         "error": (pa.string(), []),
     }
-    results = {name: kind for name, kind in _result_types().items() if name not in columns}
-    columns |= {name: (kind, []) for name, kind in results.items()}
+    for name, hint in get_type_hints(RunOutcome).items():
+        columns.setdefault(name, (_arrow_type(hint), []))
     for run in plan.runs():
         setting = plan.settings[run.setting]
         record = records.get(run.name)
@@ -346,8 +336,7 @@ def table_of(plan: SweepPlan, records: Mapping[str, RunRecord]) -> pa.Table:
             row = msgspec.structs.asdict(record.outcome) | row
         for name, (_, values) in columns.items():
             values.append(row.get(name))
-    arrays = {name: pa.array(values, kind) for name, (kind, values) in columns.items()}
-    return pa.table(arrays)
+    return pa.table({name: pa.array(values, kind) for name, (kind, values) in columns.items()})
 
 
 def parquet_bytes(table: pa.Table) -> bytes:
@@ -368,10 +357,6 @@ def csv_bytes(table: pa.Table) -> bytes:
 def _type_of(values: list[Value]) -> pa.DataType:
     kinds = {type(value) for value in values}
     return TYPES[kinds.pop()] if len(kinds) == 1 else pa.float64() if kinds == {int, float} else pa.string()
-
-
-def _result_types() -> dict[str, pa.DataType]:
-    return {name: _arrow_type(hint) for name, hint in get_type_hints(RunOutcome).items()}
 
 
 def _arrow_type(hint: Any) -> pa.DataType:
@@ -482,54 +467,51 @@ def run_sweep(
         for setting in plan.settings:
             folder.write(f"{SETTINGS}/{setting.name}.toml", setting.toml.encode())
         sessions = earlier_sessions(folder)
-        session = new_session(options.command, who, datetime.now(UTC).isoformat(timespec="seconds"))
+        session = Session(
+            command=shlex.join(options.command),
+            started=datetime.now(UTC).isoformat(timespec="seconds"),
+            workers=who,
+            host=host_description(),
+        )
         write_manifest(folder, plan, [*sessions, session], identity.versions, {})
         began_s = time.monotonic()
-        counter = _Counter(plan, folder, who, on_progress)
+        before, failed, added = _done(folder), 0, 0
+
+        def report(last: RunRecord | None) -> None:
+            on_progress(
+                SweepProgress(
+                    ended=_done(folder) + failed,
+                    failed=failed,
+                    total=len(plan.runs()),
+                    before=before,
+                    workers=who,
+                    last=last,
+                )
+            )
+
+        def add(record: RunRecord) -> None:
+            nonlocal failed, added
+            folder.add(record)
+            added += 1
+            failed += record.state is RunState.FAILED
+            report(record)
+
+        report(None)
         with StopOnInterrupt() as interrupt:
             if tasks := _tasks(plan, folder, options):
                 with closing(_crew(options, workers)) as crew:
-                    execute(tasks, crew, counter.add, lambda: interrupt.requested)
-        session = msgspec.structs.replace(session, wall_time_s=round(time.monotonic() - began_s, 3), runs=counter.added)
+                    execute(tasks, crew, add, without_result, lambda: interrupt.requested)
+        session = msgspec.structs.replace(session, wall_time_s=round(time.monotonic() - began_s, 3), runs=added)
         return _finish(folder, plan, [*sessions, session], identity.versions, is_interrupted=interrupt.requested)
 
 
-class _Counter:
-    """Keeps each record, and reports the progress."""
+def _done(folder: SweepFolder) -> int:
+    return sum(record.state is RunState.DONE for record in folder.records.values())
 
-    def __init__(
-        self, plan: SweepPlan, folder: SweepFolder, workers: str, on_progress: Callable[[SweepProgress], None]
-    ) -> None:
-        self.added = 0
-        self._folder = folder
-        self._total = len(plan.runs())
-        self._before = self._count(RunState.DONE)
-        self._workers = workers
-        self._show = on_progress
-        self._failed = 0
-        self._report(None)
 
-    def add(self, record: RunRecord) -> None:
-        """A run has ended."""
-        self._folder.add(record)
-        self.added += 1
-        self._failed += record.state is RunState.FAILED
-        self._report(record)
-
-    def _report(self, last: RunRecord | None) -> None:
-        self._show(
-            SweepProgress(
-                ended=self._count(RunState.DONE) + self._failed,
-                failed=self._failed,
-                total=self._total,
-                before=self._before,
-                workers=self._workers,
-                last=last,
-            )
-        )
-
-    def _count(self, state: RunState) -> int:
-        return sum(record.state is state for record in self._folder.records.values())
+def without_result(task: RunTask, state: RunState, error: str) -> RunRecord:
+    """The record of a run that ended without one."""
+    return RunRecord(run=task.run, state=state, error=error)
 
 
 def _tasks(plan: SweepPlan, folder: SweepFolder, options: SweepOptions) -> list[RunTask]:

@@ -35,13 +35,13 @@ SIGNIFICANT = 0.05
 
 
 @contextmanager
-def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[[SweepProgress], None]]:
-    """A bar for the duration of the block; the number of runs is printed first, also without a terminal."""
+def counting_bar(name: str, total: int, *, quiet: bool) -> Iterator[Callable[[int, str], None]]:
+    """A bar on stderr for the duration of the block, to be called with the number that has ended and words on them."""
     columns = (
         text_column("{task.description}"),
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
-        text_column("{task.fields[failed]}", "red"),
+        text_column("{task.fields[words]}", "red"),
         TimeElapsedColumn(),
         text_column("left"),
         TimeRemainingColumn(),
@@ -49,13 +49,19 @@ def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[
     with Progress(
         *columns, console=console, disable=quiet or not console.is_terminal, redirect_stdout=both_at_a_terminal()
     ) as bars:
-        bar = bars.add_task("runs", total=len(plan.runs()), failed="")
+        bar = bars.add_task(name, total=total, words="")
+        yield lambda ended, words: bars.update(bar, completed=ended, words=words)
+
+
+@contextmanager
+def sweep_display(plan: SweepPlan, *, quiet: bool = False) -> Iterator[Callable[[SweepProgress], None]]:
+    """A bar for the duration of the block; the number of runs is printed first, also without a terminal."""
+    with counting_bar("runs", len(plan.runs()), quiet=quiet) as update:
 
         def show(now: SweepProgress) -> None:
             if now.last is None and not quiet:
                 print_progress(_beginning(plan, now))
-            failed = f"{now.failed} failed" if now.failed else ""
-            bars.update(bar, completed=now.ended, failed=failed)
+            update(now.ended, f"{now.failed} failed" if now.failed else "")
 
         yield show
 

@@ -15,10 +15,9 @@ minute the allocator varies by some megabytes. A leak shows in the slope in full
 
 import multiprocessing
 import os
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import linear_regression
 from typing import Any, NamedTuple
@@ -26,9 +25,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.deploy.errors import ChildFailed
-from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import ANY_PORT, client_session, live_endpoint, open_hub
+from robrain.deploy.processes.live_process import client_session, live_endpoint
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
@@ -38,8 +35,8 @@ from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WI
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at
-from tests.bench.live_team import TEAM, await_ready
+from tests.bench.live_team import TEAM, await_ready, hub_and_children
+from tests.bench.processes import cpu_s, wait_for
 
 ROBOTS = 1000
 PROCESSES = 4
@@ -59,7 +56,6 @@ AGE_BOUND_MS = 200.0
 GROWTH_BOUND_MB = 2.0
 """For ten minutes."""
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
-TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 class Template(NamedTuple):
@@ -91,13 +87,8 @@ def measure(robots: int = ROBOTS, minutes: float = MINUTES) -> Iterator[Figure]:
 
     """
     template = _template()
-    with (
-        tempfile.TemporaryDirectory(prefix="robrain-bench-") as folder,
-        closing(open_hub(ANY_PORT)[0]) as hub,
-        Children() as children,
-    ):
-        endpoint = listening_at(hub)[0]
-        journal = str(Path(folder) / "bench.journal")
+    with hub_and_children() as (folder, hub, endpoint, children):
+        journal = str(folder / "bench.journal")
         words = ["coordinator", "--journal", journal, "--connect", endpoint, "--team", TEAM]
         coordinator = children.start("coordinator", words)
         await_ready(coordinator)
@@ -139,13 +130,15 @@ def _template() -> Template:
 
 
 def _await_all(summaries: Inbox, robots: int) -> None:
-    deadline_s, seen = time.monotonic() + PATIENCE_S, 0
-    while seen < robots:
-        if time.monotonic() > deadline_s:
-            raise ChildFailed(f"the coordinator sees {seen} of {robots} robots after {PATIENCE_S:g} s")
+    seen = 0
+
+    def sees_all() -> bool:
+        nonlocal seen
         for received in summaries.drain():
             seen = sum(robot.up for robot in received.message.robots)
-        time.sleep(0.1)
+        return seen >= robots
+
+    wait_for(sees_all, lambda: f"the coordinator sees {seen} of {robots} robots", PATIENCE_S)
 
 
 def _watch(pid: int, summaries: Inbox, for_s: float) -> tuple[list[ProcessSample], list[float], int]:
@@ -161,10 +154,8 @@ def _watch(pid: int, summaries: Inbox, for_s: float) -> tuple[list[ProcessSample
 
 
 def _look(pid: int) -> ProcessSample:
-    # The name, in brackets, may hold blanks: fields are counted behind it. utime and stime are the 14th and 15th.
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    return ProcessSample(time.monotonic(), (int(fields[11]) + int(fields[12])) / TICKS_PER_S, pages * PAGE_MB)
+    return ProcessSample(time.monotonic(), cpu_s(pid), pages * PAGE_MB)
 
 
 def _ages_s(summary: TeamState) -> list[float]:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 
 from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
 from robrain.algorithms.allocation.optimal import OptimalAllocator
@@ -19,8 +18,9 @@ from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Objective, Problem
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
-from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from tests.algorithms.allocation.instances import team_problem
+from tests.bench.processes import show
 
 BEST = Path(__file__).with_name("allocation_best.json")
 SIZES = ((5, 50), (20, 200), (100, 1000))
@@ -216,4 +216,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["best"]:
         find_best(tuple(int(seed) for seed in sys.argv[2:]) or (11,))
     else:
-        show_figures("Allocation", measure(), Console(width=WIDTH))
+        show("Allocation", measure())

@@ -11,13 +11,12 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotTable
 from robrain.agent.manifest import find_manifests
 from robrain.algorithms.warm_up import warm_up
-from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.plugins.behavior.monitor import changed_share, colors_of
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
@@ -275,7 +274,3 @@ def _stranded() -> Figure:
     what = f"robots stranded in {STRANDED_S:.0f} s of visits on 1.5 Wh, of {STRANDED_SEEDS}"
     beside = f"{done} visits done, {refused} offers refused, {charged} of them while it charged"
     return deterministic(what, stranded, "", at_most(0), beside)
-
-
-if __name__ == "__main__":
-    show_figures("Behaviors", measure(), Console(width=WIDTH))

@@ -9,9 +9,8 @@ import sys
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
-from robrain.lab.bench.figure import WIDTH, Figure, above, at_least, deterministic, show_figures
+from robrain.lab.bench.figure import Figure, above, at_least, deterministic
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.firmware.battery import BatterySpec
@@ -20,6 +19,7 @@ from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.chargers import ChargerSpec
 from tests.bench.planning import known_places
+from tests.bench.processes import show
 from tests.bench.side_by_side import side_by_side
 
 FLOOR = "arena_small"
@@ -119,4 +119,4 @@ def _words(outcomes: list[Outcome]) -> str:
 
 if __name__ == "__main__":
     seeds = tuple(int(text) for text in sys.argv[1:]) or SEEDS
-    show_figures("Chargers", measure(seeds), Console(width=WIDTH))
+    show("Chargers", measure(seeds))

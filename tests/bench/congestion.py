@@ -8,21 +8,16 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from pathlib import Path
 
 import numpy as np
 import zenoh
-from rich.console import Console
 
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import ANY_PORT, open_hub
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
@@ -31,7 +26,9 @@ from robrain.protocol.links.publisher import Publisher
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import open_session
+from tests.bench.live_team import hub_and_children
+from tests.bench.processes import line_of, p99_figure, running, wait_for
 
 ROBOTS = 20
 HALTS = 20
@@ -94,13 +91,14 @@ class Fleet:
 
     def until(self, *, halted: bool, robots: Sequence[str]) -> None:
         """Wait until all of them say so."""
-        left, deadline_s = set(robots), time.monotonic() + PATIENCE_S
+        left = set(robots)
         self._states.drain()
-        while left:
-            left -= {each.message.robot for each in self._states.drain() if each.message.halted is halted}
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f"{sorted(left)} never said halted={halted}")
-            time.sleep(0.002)
+
+        def have_all_said_so() -> bool:
+            left.difference_update(each.message.robot for each in self._states.drain() if each.message.halted is halted)
+            return not left
+
+        wait_for(have_all_said_so, lambda: f"{sorted(left)} did not say halted={halted}", pause_s=0.002)
 
     def periods_s(self, robot: str, seconds: float) -> tuple[list[float], list[float]]:
         """Intervals of a robot's states: between their stamps, by its own work; and between arrivals."""
@@ -138,18 +136,13 @@ class Fleet:
 @contextmanager
 def fleet(count: int) -> Iterator[tuple[Fleet, str, dict[str, int]]]:
     """Start a hub and so many agents; the fleet, the hub's endpoint, and the agents' process ids."""
-    with (
-        tempfile.TemporaryDirectory(prefix="robrain-fleet-") as name,
-        closing(open_hub(ANY_PORT)[0]) as hub,
-        Children() as children,
-    ):
-        endpoint = listening_at(hub)[0]
+    with hub_and_children() as (folder, hub, endpoint, children):
         names = [f"r{number + 1}" for number in range(count)]
         started = Fleet(hub, names)
         try:
             pids = {}
             for robot in names:
-                path = Path(name) / f"{robot}.toml"
+                path = folder / f"{robot}.toml"
                 path.write_text(ROBOT_FILE.format(name=robot, team=TEAM, endpoint=endpoint), encoding="utf-8")
                 pids[robot] = children.start(robot, ["agent", str(path)]).pid
             started.until(halted=False, robots=names)
@@ -161,16 +154,9 @@ def fleet(count: int) -> Iterator[tuple[Fleet, str, dict[str, int]]]:
 @contextmanager
 def helper(role: str, endpoint: str) -> Iterator[subprocess.Popen[str]]:
     """Run `flood` or `read` in a process of its own, from the time at which it says that it is ready."""
-    words = [sys.executable, "-m", "tests.bench.congestion", role, endpoint]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    try:
-        process.stdout.readline()
+    with running("-m", "tests.bench.congestion", role, endpoint, stdout=subprocess.PIPE, stderr=None) as process:
+        line_of(process)
         yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 @contextmanager
@@ -233,15 +219,8 @@ def measure(robots: int = ROBOTS, halts: int = HALTS) -> Iterator[Figure]:
 
 
 def _halts(team: Fleet, name: str, halts: int) -> Figure:
-    durations_ms = [1e3 * each for _ in range(halts) for each in team.halt_once()]
-    median_ms, p99_ms = np.percentile(durations_ms, (50, 99))
-    beside = f"{halts} halts, median {median_ms:.1f} ms, slowest {max(durations_ms):.1f} ms"
-    return timing(name, p99_ms, "ms", at_most(HALT_BOUND_MS), beside)
+    return p99_figure(name, [each for _ in range(halts) for each in team.halt_once()], HALT_BOUND_MS, "stops")
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] in (["flood"], ["read"]):
-        {"flood": flood, "read": read}[sys.argv[1]](sys.argv[2])
-    else:
-        count = int(sys.argv[1]) if len(sys.argv) > 1 else ROBOTS
-        show_figures("Busy network", measure(count), Console(width=WIDTH))
+    {"flood": flood, "read": read}[sys.argv[1]](sys.argv[2])

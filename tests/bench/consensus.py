@@ -11,7 +11,6 @@ from typing import NamedTuple
 from zlib import crc32
 
 import msgspec
-from rich.console import Console
 
 from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.plan import Plan, make_plan
@@ -19,8 +18,9 @@ from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import DriveCost, RouteScorer, RouteStop
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures
+from robrain.lab.bench.figure import Figure, at_most, deterministic
 from tests.algorithms.allocation.instances import team_problem
+from tests.bench.processes import show
 
 SIZES = ((5, 50, 1.0), (10, 100, 0.3))
 """Robots, tasks, and the share of the problems that are measured."""
@@ -160,4 +160,4 @@ def _mean(values: Sequence[float]) -> float:
 
 
 if __name__ == "__main__":
-    show_figures("Allocation without a coordinator", measure(SIZES, range(1, 11)), Console(width=WIDTH))
+    show("Allocation without a coordinator", measure(SIZES, range(1, 11)))

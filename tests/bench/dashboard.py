@@ -1,22 +1,18 @@
 """The dashboard with 100 robots and 400 motes: what its process takes, and how soon and how often a browser draws.
 
 Browsers are Chromium in software rendering, which is the slowest that there is; team, dashboard and browsers share this
-machine's cores. `python -m tests.bench.dashboard` prints the table.
+machine's cores.
 """
 
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 from playwright.sync_api import Browser, Page, sync_playwright
-from rich.console import Console
 
-from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, show_figures, timing
-from tests.bench.dashboard_team import MOTES, ROBOTS
+from robrain.lab.bench.figure import Figure, at_least, at_most, timing
+from tests.bench.processes import ROBRAIN, cpu_s, line_of, running
 from tests.system.browser import ARGUMENTS, CHROMIUM, browser_processes, colors_in, picture_of
 
 CORE_SHARE, FIRST_S, FRAMES_HZ = 0.40, 5.0, 15.0
@@ -37,10 +33,10 @@ def measure() -> Iterator[Figure]:
     """The figures (FileNotFoundError without Chromium)."""
     if not CHROMIUM.exists():
         raise FileNotFoundError(f"{CHROMIUM}: expected Chromium, there is none (make browser)")
-    with _running("-m", "tests.bench.dashboard_team") as team:
-        hub = _line(team)
-        with _running("-m", "robrain.cli", "dashboard", "--connect", hub, "--port", "0") as dashboard:
-            url = _line(dashboard).split()[-1]
+    with running("-m", "tests.bench.dashboard_team", stdout=subprocess.PIPE) as team:
+        hub = line_of(team)
+        with running(*ROBRAIN, "dashboard", "--connect", hub, "--port", "0", stdout=subprocess.PIPE) as dashboard:
+            url = line_of(dashboard).split()[-1]
             time.sleep(SETTLE_S)
             unwatched = _share(dashboard.pid)
             yield timing("dashboard process without browsers, share of a core", 100 * unwatched, "%")
@@ -54,13 +50,13 @@ def measure() -> Iterator[Figure]:
 
 def _with_browsers(browser: Browser, url: str, dashboard: int, team: int) -> Iterator[Figure]:
     first, took_s = _open(browser, url)
-    used_s = sum(map(_ticks, browser_processes())) / os.sysconf("SC_CLK_TCK")
+    used_s = sum(map(cpu_s, browser_processes()))
     beside = f"{used_s:.1f} s of CPU, {_load()}"
     yield timing("first useful picture", took_s, "s", at_most(FIRST_S), beside)
     time.sleep(SETTLE_S)
-    before = sum(map(_ticks, browser_processes()))
+    before_s = sum(map(cpu_s, browser_processes()))
     frames_hz = float(first.evaluate(COUNT_FRAMES, WINDOW_S))
-    used_s = (sum(map(_ticks, browser_processes())) - before) / os.sysconf("SC_CLK_TCK")
+    used_s = sum(map(cpu_s, browser_processes())) - before_s
     yield timing("frames a second", frames_hz, "Hz", at_least(FRAMES_HZ), _load())
     each_ms = 1000 * used_s / max(1.0, frames_hz * WINDOW_S)
     yield timing("CPU of the browser for a frame", each_ms, "ms", beside=f"{used_s / WINDOW_S:.2f} cores")
@@ -89,36 +85,10 @@ def _open(browser: Browser, url: str) -> tuple[Page, float]:
 
 def _share(process: int) -> float:
     """Share of a core that a process takes, user and system."""
-    before, began_s = _ticks(process), time.monotonic()
+    before_s, began_s = cpu_s(process), time.monotonic()
     time.sleep(WINDOW_S)
-    return (_ticks(process) - before) / os.sysconf("SC_CLK_TCK") / (time.monotonic() - began_s)
-
-
-def _ticks(process: int) -> int:
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return int(fields[11]) + int(fields[12])
+    return (cpu_s(process) - before_s) / (time.monotonic() - began_s)
 
 
 def _load() -> str:
     return f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
-
-
-@contextmanager
-def _running(*words: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(20)
-        if process.stdout is not None:
-            process.stdout.close()
-
-
-def _line(process: subprocess.Popen[str]) -> str:
-    return process.stdout.readline().strip() if process.stdout is not None else ""
-
-
-if __name__ == "__main__":
-    title = f"The dashboard with {ROBOTS} robots and {MOTES} motes, browsers in software rendering"
-    show_figures(title, measure(), Console(width=WIDTH))

@@ -6,30 +6,25 @@ CAN bus: counts come every 20 ms.
 
 import os
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from robrain.agent.host.robot_file import RobotFile
 from robrain.client.hand import Hand
 from robrain.client.team import Team
 from robrain.deploy.processes.arena_process import write_robot_files
-from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import ANY_PORT, open_hub
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
-from tests.bench.live_team import await_ready
+from tests.bench.live_team import await_ready, hub_and_children
+from tests.bench.processes import p99_figure, running
 from tests.bench.responses import WheelMessages
 
 ROUNDS = 20
@@ -63,21 +58,14 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
     """The figures, for a holder that is killed and for one that is stopped."""
     with course() as at:
         for how, sent in SIGNALS.items():
-            stops_ms = [1e3 * stop_after(at, sent, number) for number in range(rounds)]
-            median_ms, p99_ms = np.percentile(stops_ms, (50, 99))
-            beside = f"{rounds} tries at {SPEED_M_S:g} m/s, median {median_ms:.0f} ms, slowest {max(stops_ms):.0f} ms"
-            yield timing(f"holder {how}: wheels stand, p99", p99_ms, "ms", at_most(BOUND_MS), beside)
+            stops_s = [stop_after(at, sent, number) for number in range(rounds)]
+            yield p99_figure(f"holder {how}: wheels stand, p99", stops_s, BOUND_MS, f"tries at {SPEED_M_S:g} m/s")
 
 
 @contextmanager
 def course() -> Iterator[Course]:
     """Start arena and agent; the robot has no plugin that drives by itself."""
-    with (
-        tempfile.TemporaryDirectory(prefix="robrain-deadman-") as name,
-        closing(open_hub(ANY_PORT)[0]) as hub,
-        Children() as children,
-    ):
-        folder, endpoint = Path(name), listening_at(hub)[0]
+    with hub_and_children() as (folder, hub, endpoint, children):
         scenario = folder / "deadman_room.toml"
         scenario.write_text(ROOM, encoding="utf-8")
         world = Scenario.from_file(scenario).world()
@@ -117,8 +105,7 @@ def stop_after(at: Course, sent: signal.Signals, number: int) -> float:
     speed_m_s = SPEED_M_S if number % 2 else -SPEED_M_S
     at.wheels.stand()
     at.wheels.arm()
-    holder = subprocess.Popen([sys.executable, "-m", "tests.bench.deadman", "hold", at.endpoint, str(speed_m_s)])
-    try:
+    with running("-m", "tests.bench.deadman", "hold", at.endpoint, str(speed_m_s), stderr=None) as holder:
         at.wheels.turn()
         time.sleep(np.random.default_rng(number).uniform(*DRIVEN_S))
         while not at.wheels.turns():  # the lease has lapsed, as this machine was busy, and is taken again
@@ -128,9 +115,6 @@ def stop_after(at: Course, sent: signal.Signals, number: int) -> float:
         os.kill(holder.pid, sent)
         at.wheels.stand()
         return at.wheels.turned_last_s - began_s
-    finally:
-        holder.kill()
-        holder.wait()
 
 
 def hold(endpoint: str, speed_m_s: float) -> None:
@@ -140,7 +124,4 @@ def hold(endpoint: str, speed_m_s: float) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["hold"]:
-        hold(sys.argv[2], float(sys.argv[3]))
-    else:
-        show_figures("Deadman", measure(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS), Console(width=WIDTH))
+    hold(sys.argv[2], float(sys.argv[3]))

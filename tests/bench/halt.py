@@ -4,21 +4,17 @@ The robot is `robrain agent` with the stock motor controller and driver. The put
 figure holds two ways over TCP loopback: the halt's to the robot, and the frame's back.
 """
 
-import os
-import subprocess
-import sys
 import tempfile
 import textwrap
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
 import zenoh
-from rich.console import Console
 
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.clock import LiveClock
@@ -27,9 +23,9 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.bench.processes import LOOPBACK, PATIENCE_S, ROBRAIN, p99_figure, running, wait_for
 
 ROUNDS = 300
-PATIENCE_S = 30.0
 BOUND_MS = 20.0
 
 SPOILERS = """
@@ -65,12 +61,10 @@ CASES = {
 def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
     """Halt and resume a robot so often, for each case."""
     for case, spoilers in CASES.items():
-        with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session, _robot(session, spoilers) as stopwatch:
+        with open_session(mode="router", listen=[LOOPBACK]) as session, _robot(session, spoilers) as stopwatch:
             stopwatch.halt_once()  # the first one loads code
-            durations_ms = [1e3 * stopwatch.halt_once() for _ in range(rounds)]
-        median_ms, p99_ms = np.percentile(durations_ms, (50, 99))
-        beside = f"{rounds} halts, median {median_ms:.1f} ms, slowest {max(durations_ms):.1f} ms"
-        yield timing(f"put to stop frame, {case}: p99", p99_ms, "ms", at_most(BOUND_MS), beside)
+            durations_s = [stopwatch.halt_once() for _ in range(rounds)]
+        yield p99_figure(f"put to stop frame, {case}: p99", durations_s, BOUND_MS, "halts")
 
 
 class Stopwatch:
@@ -104,11 +98,8 @@ class Stopwatch:
 
     def until(self, *, halted: bool) -> None:
         """Wait until the robot says so."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while not any(received.message.halted is halted for received in self._states.drain()):
-            if time.monotonic() > deadline_s:
-                raise TimeoutError(f"the robot never said halted={halted}")
-            time.sleep(0.001)
+        trouble = f"the robot did not say halted={halted}"
+        wait_for(lambda: any(each.message.halted is halted for each in self._states.drain()), trouble, pause_s=0.001)
 
     def close(self) -> None:
         """Leave the wire."""
@@ -134,20 +125,5 @@ def _robot(session: zenoh.Session, spoilers: tuple[str, ...]) -> Iterator[Stopwa
             connect = ["{listening_at(session)[0]}"]
             """
         (place / "r1.toml").write_text(textwrap.dedent(robot_file), encoding="utf-8")
-        stopwatch = Stopwatch(session)
-        agent = subprocess.Popen(
-            [sys.executable, "-m", "robrain.cli", "agent", str(place / "r1.toml")],
-            env={name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
+        with closing(Stopwatch(session)) as stopwatch, running(*ROBRAIN, "agent", str(place / "r1.toml")):
             yield stopwatch
-        finally:
-            agent.kill()
-            agent.wait()
-            stopwatch.close()
-
-
-if __name__ == "__main__":
-    show_figures("Emergency halt", measure(int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS), Console(width=WIDTH))

@@ -5,9 +5,7 @@ stock plugins, beside an arena and a coordinator in other processes. Resident is
 (`VmRSS`): pages that it shares with others count whole. A MB is 1024 KiB here, as `du` and the kernel count.
 """
 
-import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -18,10 +16,10 @@ from statistics import median
 from typing import NamedTuple
 
 import zenoh
-from rich.console import Console
 
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.bench.processes import LOOPBACK, PATIENCE_S, ROBRAIN, running, wait_for
 from tests.system.plain_install import plain_size_mb
 
 ALONE = '[robot]\nname = "r1"\nload = ["mocdevice", "driver", "command"]\n'
@@ -29,7 +27,6 @@ STARTS = 5
 SETTLED_S = 3.0
 EXPLORING_S = 25.0
 """Time after which the full stack has loaded every kernel that it uses."""
-PATIENCE_S = 60.0
 LOOK_S = 0.5
 
 
@@ -42,7 +39,7 @@ class Weight(NamedTuple):
 
 def measure() -> Iterator[Figure]:
     """The host alone, the full stack, and the plain install."""
-    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as hub, tempfile.TemporaryDirectory() as folder:
+    with open_session(mode="router", listen=[LOOPBACK]) as hub, tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         (place / "alone.toml").write_text(ALONE)
         weights, starts_s = [], []
@@ -80,7 +77,7 @@ def _most(pid: int, for_s: float) -> Weight:
 
 
 @contextmanager
-def _agent(hub: zenoh.Session, robot_file: Path) -> Iterator[tuple["subprocess.Popen[bytes]", float]]:
+def _agent(hub: zenoh.Session, robot_file: Path) -> Iterator[tuple[subprocess.Popen[str], float]]:
     """A robot, and how long it took from exec to its token."""
     alive = threading.Event()
 
@@ -91,7 +88,7 @@ def _agent(hub: zenoh.Session, robot_file: Path) -> Iterator[tuple["subprocess.P
     token = hub.liveliness().declare_subscriber("robrain/**", zenoh.handlers.Callback(hear, indirect=False))
     try:
         began_s = time.monotonic()
-        with _command("agent", str(robot_file), "--connect", listening_at(hub)[0]) as process:
+        with running(*ROBRAIN, "agent", str(robot_file), "--connect", listening_at(hub)[0]) as process:
             if not alive.wait(PATIENCE_S):
                 raise RuntimeError(f"{robot_file.name} is not alive after {PATIENCE_S:g} s")
             yield process, time.monotonic() - began_s
@@ -103,24 +100,9 @@ def _agent(hub: zenoh.Session, robot_file: Path) -> Iterator[tuple["subprocess.P
 def _team(hub: zenoh.Session, place: Path) -> Iterator[None]:
     where = listening_at(hub)[0]
     arena = ("arena", "depot", "--robots", "1", "--seed", "3", "--robot-files", str(place), "--connect", where)
-    with _command(*arena), _command("coordinator", "--connect", where, "--journal", str(place / "team.journal")):
-        until_s = time.monotonic() + PATIENCE_S
-        while not (place / "r1.toml").is_file():
-            if time.monotonic() > until_s:
-                raise RuntimeError("the arena has written no robot's file")
-            time.sleep(LOOK_S)
+    with (
+        running(*ROBRAIN, *arena),
+        running(*ROBRAIN, "coordinator", "--connect", where, "--journal", str(place / "team.journal")),
+    ):
+        wait_for((place / "r1.toml").is_file, "the arena has written no robot's file", pause_s=LOOK_S)
         yield
-
-
-@contextmanager
-def _command(*words: str) -> Iterator["subprocess.Popen[bytes]"]:
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen([sys.executable, "-m", "robrain.cli", *words], env=dict(os.environ), **quiet) as process:
-        try:
-            yield process
-        finally:
-            process.terminate()
-
-
-if __name__ == "__main__":
-    show_figures("The weight of an agent", list(measure()), Console(width=WIDTH))

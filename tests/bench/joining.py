@@ -39,9 +39,6 @@ SETTLED_S = 30.0
 CARRIED_AT_S = 45.0
 CARRIED_M = 4.0
 """At least so far from where it was."""
-HEADINGS = (
-    f"{'map':<24}{'N':>3}{'seed':>6}  {'kind':<9}{'robot':<7}{'overlap s':>10}{'joined s':>9}{'error m':>9}  verdict"
-)
 
 
 class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,20 +70,6 @@ class JoiningRun(msgspec.Struct, frozen=True, kw_only=True):
     def is_in_time(self) -> bool:
         """Whether it joined in time, and rightly."""
         return self.took_s is not None and self.took_s <= JOINED_WITHIN_S and not self.is_false
-
-    def line(self) -> str:
-        """As a line below `HEADINGS`."""
-        case = self.case
-        begin = f"{case.map:<24}{case.robots:>3}{case.seed:>6}  {self.kind:<9}{self.robot:<7}"
-        if self.refusal:
-            return f"{begin}  not run: {self.refusal}"
-        overlap, joined = (f"{t_s:.1f}" if t_s is not None else "–" for t_s in (self.overlap_s, self.joined_s))
-        verdict = (
-            "FALSE" if self.is_false else "in time" if self.is_in_time else "late" if self.took_s else "no overlap"
-        )
-        if self.overlap_s is not None and self.joined_s is None:
-            verdict = "not joined"
-        return f"{begin}{overlap:>10}{joined:>9}{self.error_m:>9.2f}  {verdict}"
 
 
 def figures(runs: Iterable[JoiningRun]) -> Iterator[Figure]:

@@ -6,17 +6,17 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
 from robrain.deploy.processes.kernels import prepare_kernels
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures
+from robrain.lab.bench.figure import Figure, at_most, deterministic
 from robrain.lab.bench.mapping_plan import errors_alone
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.referee import floor_weights
+from tests.bench.processes import show
 
 KNOWN = 0.95
 """Share of the floor at which a run ends."""
@@ -152,4 +152,4 @@ def figures(runs: Sequence[LeaderlessRun]) -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    show_figures("Exploration without a coordinator", measure(), Console(width=WIDTH))
+    show("Exploration without a coordinator", measure())

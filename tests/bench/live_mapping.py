@@ -14,18 +14,18 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Child
 from robrain.deploy.processes.kernels import prepare_kernels
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, below, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.sim.scenarios.scenario import Scenario
-from tests.bench.live_team import PATIENCE_S, LiveTeam, live_team
+from tests.bench.live_team import LiveTeam, live_team
+from tests.bench.processes import PATIENCE_S, show
 
 STOPPED_S = (0.2, 1.5)
 """Least and greatest time for which an agent is stopped."""
@@ -178,4 +178,4 @@ if __name__ == "__main__":
     FLOOR = "examples/maps/clinic.yaml"
     TEAM = Scenario.from_map(FLOOR).replace(robots=4, seed=1)
     WORDS = ["--map", FLOOR, "--robots", "4", "--seed", "1"]
-    show_figures("Accuracy of the map of a live team", measure(TEAM, WORDS, 15.0), Console(width=WIDTH))
+    show("Accuracy of the map of a live team", measure(TEAM, WORDS, 15.0))

@@ -5,7 +5,6 @@ The process that plans is measured against the same work on a thread of the coor
 """
 
 import math
-import os
 import pickle
 import statistics
 import subprocess
@@ -20,7 +19,6 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from robrain.coordinator.live import LEAST_REST_S, PERIOD_S
 from robrain.coordinator.planning.energy_budget import DETOUR
@@ -29,7 +27,7 @@ from robrain.coordinator.planning.plan_in_force import PlanInForce
 from robrain.coordinator.planning.plan_search import PlanSearch, rehearse
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import PlanningRobot, Snapshot
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, below, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, below, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
@@ -40,6 +38,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
+from tests.bench.processes import LOOPBACK, ROBRAIN, cpu_s, running, show, wait_for
 from tests.energy_models import energy_model
 
 STARTS = 7
@@ -93,7 +92,7 @@ def _starts() -> list[Figure]:
 
 def measure_starts(starts: int = STARTS) -> list[Start]:
     """Start a coordinator again and again, on one journal, by a hub of its own."""
-    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    hub = open_session(mode="router", listen=[LOOPBACK])
     wire = Endpoint(hub, DEFAULT_TEAM, LiveClock(), Drive.LIVE)
     try:
         where = next(endpoint for endpoint in listening_at(hub) if endpoint.startswith("tcp/"))
@@ -120,19 +119,10 @@ def measure_starts(starts: int = STARTS) -> list[Start]:
 
 def _start(is_live: Callable[[], bool], where: str, folder: Path) -> Start:
     began_s = time.monotonic()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "robrain.cli", "coordinator", "--connect", where, "--journal", folder / "team.journal"],
-        stdout=subprocess.DEVNULL,
-    )
-    try:
+    journal = str(folder / "team.journal")
+    with running(*ROBRAIN, "coordinator", "--connect", where, "--journal", journal, stderr=None) as process:
         _wait(is_live)
-        live_s = time.monotonic() - began_s
-        ticks = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[11:13]
-        cpu_s = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
-    finally:
-        process.kill()
-        process.wait()
-    return Start(live_s, cpu_s)
+        return Start(time.monotonic() - began_s, cpu_s(process.pid))
 
 
 def _cold_plan_s() -> float:
@@ -153,12 +143,8 @@ def _took_s(command: list[str]) -> float:
     return time.monotonic() - began_s
 
 
-def _wait(until: Callable[[], bool]) -> None:
-    ends_s = time.monotonic() + START_LIMIT_S
-    while not until():
-        if time.monotonic() > ends_s:
-            raise TimeoutError("what is waited for does not come")
-        time.sleep(LOOK_S)
+def _wait(until: Callable[[], object]) -> None:
+    wait_for(until, "what is waited for does not come", START_LIMIT_S, LOOK_S)
 
 
 # -- the first plan -----------------------------------------------------------------------------------------
@@ -401,4 +387,4 @@ def _p99(gaps_ms: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    show_figures("Plans beside the live coordinator", measure(), Console(width=WIDTH))
+    show("Plans beside the live coordinator", measure())

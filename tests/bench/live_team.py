@@ -1,7 +1,6 @@
 """A small live team for measurements: hub, arena, coordinator and agents as processes of this machine."""
 
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -17,9 +16,9 @@ from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.deploy.processes.table_files import write_rules
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
+from tests.bench.processes import wait_for
 
 TEAM = "bench"
-PATIENCE_S = 60.0
 ROOM = """
 [scenario]
 name = "bench_room"
@@ -33,6 +32,26 @@ resolution_m = 0.05
 [team]
 robots = 1
 """
+
+
+class HubAndChildren(NamedTuple):
+    """What processes of a benchmark need."""
+
+    folder: Path
+    hub: zenoh.Session
+    endpoint: str
+    children: Children
+
+
+@contextmanager
+def hub_and_children() -> Iterator[HubAndChildren]:
+    """A temporary folder, a hub in this process, and its children, which end with the block."""
+    with (
+        tempfile.TemporaryDirectory(prefix="robrain-bench-") as name,
+        closing(open_hub(ANY_PORT)[0]) as hub,
+        Children() as children,
+    ):
+        yield HubAndChildren(Path(name), hub, listening_at(hub)[0], children)
 
 
 class LiveTeam(NamedTuple):
@@ -77,12 +96,7 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
         ChildFailed: a process did not start.
 
     """
-    with (
-        tempfile.TemporaryDirectory(prefix="robrain-bench-") as name,
-        closing(open_hub(ANY_PORT)[0]) as hub,
-        Children() as children,
-    ):
-        folder, endpoint = Path(name), listening_at(hub)[0]
+    with hub_and_children() as (folder, hub, endpoint, children):
         robot_files = write_robot_files(scenario.world(), folder, team=TEAM, connect=endpoint)
         common = ["--connect", endpoint, "--team", TEAM]
         kept = ["--journal", str(folder / "bench.journal")]
@@ -101,9 +115,6 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
 
 def await_ready(child: Child) -> None:
     """Wait for the first line that a process says (ChildFailed if it ends before, or says nothing)."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not child.lines:
-        if child.status is not None or time.monotonic() > deadline_s:
-            said = " ".join(child.lines) or "nothing"
-            raise ChildFailed(f"{child.name} did not start; it said: {said}")
-        time.sleep(0.02)
+    wait_for(lambda: child.lines or child.status is not None, f"{child.name} said nothing")
+    if not child.lines:
+        raise ChildFailed(f"{child.name} did not start")

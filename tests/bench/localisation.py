@@ -78,27 +78,24 @@ class Track(NamedTuple):
 
 def measure() -> list[Figure]:
     """All figures of the localisation."""
-    white, static = _worlds(SEEDS), _worlds(SEEDS, STATIC)
+    runs = _runs(SEEDS)
+    white, with_motes, scans, both = runs.white, runs.with_motes, runs.scans, runs.both
     alone = side_by_side(partial(follow, motes=False), white)
-    with_motes, with_static = side_by_side(follow, white), side_by_side(follow, static)
     bound_m = statistics.median(side_by_side(partial(_bound_m, 0.0), white[:BOUND_SEEDS]))
-    static_bound_m = statistics.median(side_by_side(partial(_bound_m, STATIC), static[:BOUND_SEEDS]))
-    field = _in_a_field(SEEDS, white)
-    scans = side_by_side(partial(follow, motes=False, scans=True), white)
-    both = side_by_side(partial(follow, scans=True), white)
+    static_bound_m = statistics.median(side_by_side(partial(_bound_m, STATIC), runs.static[:BOUND_SEEDS]))
     taken = side_by_side(follow, [kidnapped(each, KIDNAPPED_S, KIDNAPPED_M) for each in white])
     return [
         _row("odometry alone", alone),
         deterministic("posterior Cramér–Rao bound of motes", bound_m, "m", beside=f"of {BOUND_SEEDS} runs"),
         _row("motes", with_motes, 0.6),
-        _row("motes, 70 % of the variance static", with_static, 1.4, f"Cramér–Rao bound {static_bound_m:.2f} m"),
-        _row("motes, 70 % static for some 3 m", field, 1.4),
+        _row("motes, 70 % of the variance static", runs.with_static, 1.4, f"Cramér–Rao bound {static_bound_m:.2f} m"),
+        _row("motes, 70 % static for some 3 m", runs.field, 1.4),
         _row("walls within 6 m, no motes", scans),
         _share("walls within 6 m, no motes: over odometry alone", scans, alone),
         _row("walls and motes", both),
         _share("walls and motes: over motes alone", both, with_motes),
         *_without_watch(white),
-        _silence("motes", [*with_motes, *with_static, *field]),
+        _silence("motes", [*with_motes, *runs.with_static, *runs.field]),
         _silence("walls", scans),
         _silence("walls and motes", both),
         *_fresh(),
@@ -108,28 +105,36 @@ def measure() -> list[Figure]:
 
 def _fresh() -> list[Figure]:
     """The main figures again, on seeds that nothing was chosen on."""
-    white, static = _worlds(FRESH), _worlds(FRESH, STATIC)
-    with_motes, with_static = side_by_side(follow, white), side_by_side(follow, static)
-    field = _in_a_field(FRESH, white)
-    scans = side_by_side(partial(follow, motes=False, scans=True), white)
-    both = side_by_side(partial(follow, scans=True), white)
+    runs = _runs(FRESH)
     seeds = f"seeds {FRESH.start} to {FRESH.stop - 1}"
     return [
-        _row("fresh seeds: motes", with_motes, 0.6, seeds),
-        _row("fresh seeds: 70 % of the variance static", with_static, 1.4, seeds),
-        _row("fresh seeds: 70 % static for some 3 m", field, 1.4, seeds),
-        _row("fresh seeds: walls and motes", both, beside=seeds),
-        _share("fresh seeds: walls and motes over motes alone", both, with_motes),
-        _silence("fresh seeds", [*with_motes, *with_static, *field, *scans, *both]),
+        _row("fresh seeds: motes", runs.with_motes, 0.6, seeds),
+        _row("fresh seeds: 70 % of the variance static", runs.with_static, 1.4, seeds),
+        _row("fresh seeds: 70 % static for some 3 m", runs.field, 1.4, seeds),
+        _row("fresh seeds: walls and motes", runs.both, beside=seeds),
+        _share("fresh seeds: walls and motes over motes alone", runs.both, runs.with_motes),
+        _silence("fresh seeds", [*runs.with_motes, *runs.with_static, *runs.field, *runs.scans, *runs.both]),
     ]
 
 
-def _worlds(seeds: range, static_share: float = 0.0) -> list[Drive]:
-    return side_by_side(partial(drive, static_share=static_share), seeds)
+class _Runs(NamedTuple):
+    """The same seeds in several worlds, followed with several sensors."""
+
+    white: list[Drive]
+    static: list[Drive]
+    with_motes: list[Track]
+    with_static: list[Track]
+    field: list[Track]
+    scans: list[Track]
+    both: list[Track]
 
 
-def _in_a_field(seeds: range, worlds: list[Drive]) -> list[Track]:
-    return side_by_side(follow, [correlated(each, seed) for seed, each in zip(seeds, worlds, strict=True)])
+def _runs(seeds: range) -> _Runs:
+    white, static = (side_by_side(partial(drive, static_share=share), seeds) for share in (0.0, STATIC))
+    field = [correlated(each, seed) for seed, each in zip(seeds, white, strict=True)]
+    followed = [side_by_side(follow, worlds) for worlds in (white, static, field)]
+    scans = side_by_side(partial(follow, motes=False, scans=True), white)
+    return _Runs(white, static, *followed, scans, side_by_side(partial(follow, scans=True), white))
 
 
 def _bound_m(static_share: float, world: Drive) -> float:

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from robrain import Scenario
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.warm_up import warm_up
-from robrain.lab.bench.figure import WIDTH, Figure, at_least, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING
@@ -259,7 +258,3 @@ def _codec() -> Figure:
     each_us = 1e6 * (time.process_time() - began_s) / 1000
     what = "a reading off a serial line: frame, CRC, packet, payload"
     return timing(what, each_us, "µs", at_most(100.0), "57,600 baud brings one each 8 ms")
-
-
-if __name__ == "__main__":
-    show_figures("Motes", measure(), Console(width=WIDTH))

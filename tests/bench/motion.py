@@ -2,7 +2,7 @@
 
 The square is that of Borenstein and Feng's UMBmark (IEEE Transactions on Robotics and Automation 12(6), 1996): four
 times 5 m straight ahead and a quarter turn, as many times clockwise as counter-clockwise. Errors are true ones, by the
-arena. `python -m tests.bench.motion` prints the table; `SEEDS = 50` is the full size.
+arena. `SEEDS = 50` is the full size.
 """
 
 import logging
@@ -21,7 +21,7 @@ from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.algorithms.warm_up import warm_up
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, deterministic, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, deterministic, timing
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -231,14 +231,3 @@ def _range_sensor_cost(chunks: int = 60, chunk_s: float = 0.5) -> Figure:
     with_ms, without_ms = statistics.median(cost_ms[True]), statistics.median(cost_ms[False])
     what = "range sensors: CPU for each robot and simulated second"
     return timing(what, with_ms - without_ms, "ms", at_most(1.0), f"arena and driver without them {without_ms:.2f} ms")
-
-
-def main() -> None:
-    """Print the table."""
-    from rich.console import Console
-
-    show_figures("Motion on CAN, by the truth of the arena", measure(), Console(width=WIDTH))
-
-
-if __name__ == "__main__":
-    main()

@@ -11,17 +11,17 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from rich.console import Console
 
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.lab.bench.figure import WIDTH, Figure, at_least, below, deterministic, show_figures
+from robrain.lab.bench.figure import Figure, at_least, below, deterministic
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.placement import scatter_points
 from robrain.sim.scenarios.scenario import Scenario
+from tests.bench.processes import show
 from tests.bench.side_by_side import side_by_side
 
 FLOOR = "depot"
@@ -138,4 +138,4 @@ def _share(outcomes: list[Outcome], base: list[Outcome], field: str) -> float:
 
 if __name__ == "__main__":
     seeds = tuple(int(text) for text in sys.argv[1:]) or SEEDS
-    show_figures("Planning", measure(seeds), Console(width=WIDTH))
+    show("Planning", measure(seeds))

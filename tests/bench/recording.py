@@ -5,7 +5,6 @@ Costs are CPU time, which other work on the machine changes little.
 
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -13,11 +12,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from rich.console import Console
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -30,6 +28,7 @@ from robrain.protocol.wire.session import listening_at, open_session
 from robrain.recording.provenance import Provenance
 from robrain.recording.replay.player import Player
 from robrain.recording.writer.recorder import Recorder
+from tests.bench.processes import LOOPBACK, line_of, running
 
 RATE_HZ = 10_000
 ROBOTS = 50
@@ -76,25 +75,21 @@ def state(robot: str, place: float) -> RobotState:
 
 def recorder_share(seconds: float, folder: Path, *, visual: bool) -> dict[str, float]:
     """Share of a core that the recorder's process takes, all of Zenoh's reception included."""
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
+    session = open_session(mode="router", listen=[LOOPBACK])
     wire = Endpoint(session, "default", LiveClock(), Drive.LIVE)
     recorder = Recorder(wire, folder / f"rate_{visual}.mcap", PROVENANCE, visual=visual)
-    speaker = subprocess.Popen(
-        [sys.executable, "-c", SPEAKER, listening_at(session)[0], str(seconds)], stdout=subprocess.PIPE, text=True
-    )
+    words = ("-c", SPEAKER, listening_at(session)[0], str(seconds))
     try:
-        assert speaker.stdout is not None
-        speaker.stdout.readline()
-        began_s, cpu_s, before = time.monotonic(), time.process_time(), recorder.messages
-        while speaker.poll() is None:
+        with running(*words, stdout=subprocess.PIPE, stderr=None) as speaker:
+            line_of(speaker)
+            began_s, cpu_s, before = time.monotonic(), time.process_time(), recorder.messages
+            while speaker.poll() is None:
+                recorder.step()
+                time.sleep(0.05)
             recorder.step()
-            time.sleep(0.05)
-        recorder.step()
-        passed_s, cpu_s = time.monotonic() - began_s - 0.5, time.process_time() - cpu_s
-        put = int(speaker.stdout.read())
+            passed_s, cpu_s = time.monotonic() - began_s - 0.5, time.process_time() - cpu_s
+            put = int(line_of(speaker))
     finally:
-        speaker.kill()
-        speaker.wait()
         summary = recorder.close()
         wire.close()
         session.close()
@@ -188,7 +183,3 @@ def measure() -> list[Figure]:
         what = "seek in an hour of 4 robots, worst of 40"
         figures.append(timing(what, 1000 * took["worst"], "ms", at_most(1000 * SEEK_BOUND_S), beside))
     return figures
-
-
-if __name__ == "__main__":
-    show_figures("Recordings", measure(), Console(width=WIDTH))

@@ -11,7 +11,6 @@ import queue
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -20,10 +19,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
-from rich.console import Console
-
 from robrain.deploy.supervision.part import COORDINATOR, STAND_BY
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.access.identity import read_identity
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, NobodyThere
@@ -38,6 +35,7 @@ from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.protocol.workers import OwnedThread
+from tests.bench.processes import LOOPBACK, ROBRAIN, running, show
 
 PARTS = ("r1", "coordinator", "stand-by", "recorder", "dashboard", "arena", "hub")
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGSTOP": signal.SIGSTOP}
@@ -67,7 +65,7 @@ class RecoveryTeam:
 
     """
 
-    def __init__(self, process: "subprocess.Popen[str]") -> None:
+    def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
         self.acknowledged: list[str] = []
         """Tasks that the coordinator has acknowledged."""
@@ -246,18 +244,13 @@ class RecoveryTeam:
 def recovery_team(folder: Path, *, secured: bool = False, robots: int = 2) -> Iterator[RecoveryTeam]:
     """A team for the duration of the block; a secured one has its router in place of the hub."""
     words = ("up", "arena_small", "--robots", f"{robots}", "--stand-by", "--record", str(folder / "recovery.mcap"))
-    words += ("--secured",) if secured else ("--listen", "tcp/127.0.0.1:0")
+    words += ("--secured",) if secured else ("--listen", LOOPBACK)
     words += ("--port", "0", "--journal", str(folder / "recovery.journal"), "--json")
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("ROBRAIN_")}
-    with subprocess.Popen(
-        [sys.executable, "-m", "robrain.cli", *words],
-        cwd=folder, env=variables, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-    ) as process:  # fmt: skip
-        try:
-            with closing(RecoveryTeam(process)) as team:
-                yield team
-        finally:
-            process.kill()
+    with (
+        running(*ROBRAIN, *words, cwd=folder, stdout=subprocess.PIPE) as process,
+        closing(RecoveryTeam(process)) as team,
+    ):
+        yield team
 
 
 def measure() -> Iterator[Figure]:
@@ -274,4 +267,4 @@ def measure() -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    show_figures("Recovery", list(measure()), Console(width=WIDTH))
+    show("Recovery", list(measure()))

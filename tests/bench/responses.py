@@ -18,7 +18,7 @@ from robrain.client.team import Team
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, TaskOrder
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.live_process import live_endpoint
-from robrain.lab.bench.figure import Figure, at_most, timing
+from robrain.lab.bench.figure import Figure
 from robrain.protocol.can.frames import BadFrame, codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
@@ -31,6 +31,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.bench.live_team import live_room
+from tests.bench.processes import PATIENCE_S, p99_figure, wait_for
 
 ROBOT = "r1"
 BOUND_MS = 50.0
@@ -40,7 +41,6 @@ ROUNDS = 100
 STILL_S = 0.3
 """A robot whose wheels have neither moved nor been told to for so long stands."""
 TURNS_S = 0.06
-PATIENCE_S = 60.0
 LOOK_S = 0.001
 PAUSE_MAX_S = 0.25
 MOTION = ("first wheel command", "first turn of a wheel")
@@ -202,11 +202,7 @@ def measure(rounds: int = ROUNDS) -> Iterator[Figure]:
 def _await_explored(wire: Endpoint) -> None:
     inbox = Inbox()
     wire.subscribe(inbox, COORDINATOR_STATE)
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not any(received.message.all_explored for received in inbox.drain()):
-        if time.monotonic() > deadline_s:
-            raise ChildFailed(f"the room is not explored within {PATIENCE_S:g} s")
-        time.sleep(0.1)
+    wait_for(lambda: any(each.message.all_explored for each in inbox.drain()), "the room is not explored")
 
 
 def _calls(client: Team, wheels: WheelMessages, rounds: int) -> Iterator[tuple[float, float]]:
@@ -297,11 +293,8 @@ def _start_after(states: Inbox, wheels: WheelMessages, task_id: str) -> tuple[fl
 
 
 def _await(states: Inbox, task_id: str, how: TaskState) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not any(_is(received.message, task_id, how) for received in states.drain()):
-        if time.monotonic() > deadline_s:
-            raise ChildFailed(f"{ROBOT}: task {task_id} is not {how} within {PATIENCE_S:g} s")
-        time.sleep(LOOK_S)
+    trouble = f"{ROBOT}: task {task_id} is not {how}"
+    wait_for(lambda: any(_is(each.message, task_id, how) for each in states.drain()), trouble, pause_s=LOOK_S)
 
 
 def _is(state: RobotState, task_id: str, how: TaskState) -> bool:
@@ -325,8 +318,5 @@ def _figures(
     names: tuple[str, str] = MOTION,
     bound_ms: float = BOUND_MS,
 ) -> Iterator[Figure]:
-    both_ms = 1e3 * np.array(list(took_s))
-    for name, each_ms in zip(names, both_ms.T, strict=True):
-        median_ms, p99_ms = np.percentile(each_ms, (50, 99))
-        beside = f"{len(each_ms)} rounds, median {median_ms:.1f} ms, slowest {each_ms.max():.1f} ms"
-        yield timing(f"{event}: {name}, p99", p99_ms, "ms", at_most(bound_ms), beside)
+    for name, each_s in zip(names, zip(*took_s, strict=True), strict=True):
+        yield p99_figure(f"{event}: {name}, p99", each_s, bound_ms, "rounds")

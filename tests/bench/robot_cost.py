@@ -14,14 +14,12 @@ from collections.abc import Callable, Iterator
 from typing import Any
 from unittest import mock
 
-from rich.console import Console
-
 from robrain import Scenario
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
 from robrain.algorithms.warm_up import warm_up
 from robrain.coordinator.coordinator import Coordinator
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.plugins.skill.planner import Planner
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.links.inbox import Inbox
@@ -162,7 +160,3 @@ def _of_plugin(function: Callable[..., Any], meter: Meter) -> Callable[..., Any]
             meter.end()
 
     return timed
-
-
-if __name__ == "__main__":
-    show_figures("One robot's whole stack, for each robot and simulated second", measure(), Console(width=WIDTH))

@@ -4,7 +4,6 @@ Two teams of the same scenario run at the same time on this machine, each under 
 so that other work meets both alike.
 """
 
-import os
 import tempfile
 import time
 from collections.abc import Iterator
@@ -13,18 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from tests.bench.processes import cpu_s
 from tests.bench.recovery import RecoveryTeam, recovery_team
 
 CALLS = 400
 PAUSE_S = 0.02
 ROBOT = "r1"
-TICKS_S = os.sysconf("SC_CLK_TCK")
 LIMITS = {"call": 1.5, "state": 1.5, "cpu": 1.5}
 """Bounds on the ratios (chosen: who pays more than half again turns security off)."""
 
@@ -78,12 +76,4 @@ def _hear_states(team: RecoveryTeam, states_ms: list[float]) -> Any:
 
 def _cpu_s(team: RecoveryTeam) -> float:
     """CPU that the team's router and the robot's agent have used, s."""
-    total = 0.0
-    for part in ("hub", ROBOT):
-        fields = Path(f"/proc/{team.pids[part]}/stat").read_text().rpartition(")")[2].split()
-        total += (int(fields[11]) + int(fields[12])) / TICKS_S
-    return total
-
-
-if __name__ == "__main__":
-    show_figures("Secured against plain", list(measure()), Console(width=WIDTH))
+    return cpu_s(team.pids["hub"]) + cpu_s(team.pids[ROBOT])

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from playwright.sync_api import Browser, Page
-from rich.console import Console
 
 from robrain import Scenario
-from robrain.lab.bench.figure import WIDTH, Figure, at_most, show_figures, timing
+from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.recording.drawing.palette import FREE, style_of
 from robrain.sim.lockstep.lockstep import LockstepRun
+from tests.bench.processes import wait_for
 from tests.bench.real_time_factor import calibration_ns
 from tests.bench.results import ROOT
 from tests.system.browser import browser_process, picture_of, share_of, window
@@ -83,12 +83,9 @@ def first_picture(browser: Browser, clone: Path) -> Times:
             page.goto(f"{url}?fixedDpr=0.5", wait_until="commit")
             # Screenshots while the page loads would delay it.
             page.get_by_test_id("sim-time").wait_for(timeout=1000.0 * LIMIT_S)
-            while not shows_floor_and_robots(page):
-                _check(begun_s, "no picture")
+            wait_for(lambda: shows_floor_and_robots(page), "no picture", LIMIT_S, 0.0)
             picture_s = time.monotonic() - begun_s
-            while not moves(page):
-                _check(begun_s, "no robot moved")
-                time.sleep(0.05)
+            wait_for(lambda: moves(page), "no robot moved", LIMIT_S, 0.05)
             return Times(address_s, picture_s, time.monotonic() - begun_s)
 
 
@@ -136,12 +133,3 @@ def moves(page: Page) -> bool:
     """Whether the run has begun."""
     told = page.get_by_test_id("sim-time")
     return told.count() == 1 and told.inner_text() not in ("–", "00:00")
-
-
-def _check(begun_s: float, what: str) -> None:
-    if time.monotonic() - begun_s > LIMIT_S:
-        raise TimeoutError(f"{what} within {LIMIT_S:g} s")
-
-
-if __name__ == "__main__":
-    show_figures("The first picture of a demo", list(measure()), Console(width=WIDTH))

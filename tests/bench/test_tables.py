@@ -3,14 +3,13 @@
 import re
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from robrain.lab.bench.figure import at_most, timing
 from tests.bench.judging import Known, judge, read_known, untrue
 from tests.bench.results import ROOT, Conditions, Machine, Results, SectionResult
 from tests.bench.sections import SECTIONS
-from tests.bench.tables import MARKER, PageError, blocks, filled, pages
+from tests.bench.tables import blocks, filled, pages
 
 MACHINE = Machine(cpu="any", cores=2, memory_gb=1.0, system="any", python="3")
 CONDITIONS = Conditions(
@@ -32,11 +31,6 @@ def test_tables_of_the_page_are_those_of_the_results(path: Path) -> None:
 def test_each_section_stands_in_one_page() -> None:
     named = [name for path in pages() for name in blocks(path.read_text(encoding="utf-8"))]
     assert sorted(named) == sorted([*SECTIONS, "summary", "misses"])
-
-
-def test_results_hold_only_existing_sections_in_order() -> None:
-    measured = Results.read().sections
-    assert list(measured) == [name for name in SECTIONS if name in measured]
 
 
 def test_each_missed_bound_and_each_section_without_figures_is_known_and_the_other_way_round() -> None:
@@ -70,37 +64,3 @@ def test_missed_bounds_are_listed_with_why() -> None:
     assert f"2 figures in 1 of {len(SECTIONS)} sections" in new
     assert "Of 1 bounds, 0 are kept and 1 missed. 0 figures were measured beside other work" in new
     assert "| not known yet |" in filled(page, RESULTS, NOTHING)
-
-
-def test_section_without_figures_says_why() -> None:
-    page = "<!-- figures: motes -->\n<!-- /figures -->\n"
-    assert "\nNot measured: no radio here.\n" in filled(page, RESULTS, Known({}, {"motes": "no radio here"}))
-
-
-def test_too_slow_beside_other_work_is_shown_as_busy_and_not_as_missed() -> None:
-    measured = msgspec.structs.replace(CONDITIONS, others=1.5)
-    busy = Results(sections={"tasks": SectionResult(measured=measured, figures=FIGURES)})
-    page = "<!-- figures: tasks -->\n<!-- /figures -->\n<!-- figures: misses -->\n<!-- /figures -->\n"
-    new = filled(page, busy, NOTHING)
-    assert "| a step | 3 ms | ≤ 2 ms | busy |" in new
-    assert "Every bound is kept" not in new
-    assert "| Tasks | a step" not in new
-    assert "| Tasks | a step | 3 ms | ≤ 2 ms | half a core short |" in filled(
-        page, busy, Known({("tasks", "a step"): "half a core short"}, {})
-    )
-
-
-@pytest.mark.parametrize(
-    ("page", "said"),
-    [
-        ("<!-- figures: tasks -->\n", "expected pairs"),
-        ("<!-- /figures -->\n", "expected pairs"),
-        (" <!-- figures: tasks -->\n<!-- /figures -->\n", "expected pairs"),
-        (2 * "<!-- figures: tasks -->\n<!-- /figures -->\n", "expected each block once"),
-        ("<!-- figures: gone -->\n<!-- /figures -->\n", "gone: expected summary, misses or a section"),
-    ],
-)
-def test_page_that_cannot_be_written_is_refused(page: str, said: str) -> None:
-    assert MARKER.search(page)
-    with pytest.raises(PageError, match=said):
-        filled(page, RESULTS, NOTHING)

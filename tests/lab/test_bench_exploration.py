@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.deploy.errors import UsageError
 from robrain.lab.bench.exploration import (
     FULL,
     POINTS,
     ExplorationCase,
     ExplorationRun,
     bound_s,
-    by_group,
     choose,
     figures,
     run_bench,
     run_case,
-    table,
 )
 from robrain.lab.bench.mapping_plan import BenchPlan
 from robrain.protocol.model.geometry import Point2D
@@ -64,35 +61,6 @@ def test_every_map_comes_with_every_team_strategy_motion_and_seed() -> None:
     assert len(plan.cases) == len(set(plan.cases)) == 2 * 2 * 3 * 2 * 2
 
 
-def test_by_default_all_strategies_are_compared() -> None:
-    assert {case.strategy for case in chosen(strategies=None).cases} >= {
-        "nearest",
-        "minpos",
-        "burgard",
-        "joint",
-        "tours",
-        "auto",
-    }
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"maps": "moon"}, "--maps moon: there is no such map"),
-        ({"strategies": "best"}, "--strategies best: expected "),
-        ({"motions": "fast"}, "--motion fast: expected full or points"),
-        ({"robots": "0"}, "--robots 0: expected numbers from 1"),
-        ({"seeds": "a"}, "--seeds a: expected whole numbers"),
-        ({"jobs": 0}, "--jobs 0: expected at least 1"),
-        ({"time_limit_s": float("nan")}, "--time-limit-s nan: expected a number above 0"),
-    ],
-)
-def test_a_wrong_option_is_refused_in_words(options: dict[str, object], told: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        chosen(**options)
-    assert str(caught.value).startswith(told)
-
-
 @pytest.mark.slow
 def test_points_and_full_runs_explore_the_same_floor_from_the_same_place() -> None:
     near = (2.0, 2.0)
@@ -102,18 +70,6 @@ def test_points_and_full_runs_explore_the_same_floor_from_the_same_place() -> No
     assert full.bound_s <= points.explored_percent_s[95] <= 1.1 * full.explored_percent_s[95]
     assert full.energy_j > 0.0
     assert full.overlap > 0.0
-
-
-@pytest.mark.parametrize("near", [None, (2.0, 2.0)])
-def test_teams_of_all_sizes_start_at_the_same_spot(near: tuple[float, float] | None) -> None:
-    one, eight = (
-        msgspec.structs.replace(SMALL, robots=robots, near=near).scenario().world().robots[0].start for robots in (1, 8)
-    )
-    assert (one.x_m, one.y_m) == (eight.x_m, eight.y_m)
-
-
-def test_a_run_that_cannot_be_made_says_why() -> None:
-    assert "robots" in run_case(msgspec.structs.replace(SMALL, robots=400)).refusal
 
 
 def test_the_bound_is_the_way_to_the_farthest_floor_less_the_sight() -> None:
@@ -131,11 +87,6 @@ def test_a_team_is_judged_by_the_best_strategy_of_one_robot() -> None:
     assert bounds_of(runs)["arena_small, 4 robots: 95 % known"] == (30.0, False)
 
 
-def test_no_speed_up_is_asked_for_that_the_floor_does_not_allow() -> None:
-    runs = [run_of(40.0, robots=1), run_of(14.9, robots=8)]
-    assert bounds_of(runs)["arena_small, 8 robots: 95 % known"] == (14.9, True)
-
-
 def test_a_run_that_did_not_come_so_far_misses_its_bound() -> None:
     runs = [run_of(40.0, robots=1), run_of(14.0, robots=8), run_of(None, robots=8, seed=4)]
     assert bounds_of(runs)["arena_small, 8 robots: 95 % known"] == (None, False)
@@ -146,15 +97,6 @@ def test_full_runs_are_judged_beside_points_and_the_default_beside_the_best() ->
     told = bounds_of(runs)
     assert told["arena_small, 1 robots: time over that of points"] == (pytest.approx(1.2), False)
     assert told["arena_small, 1 robots: time over the best"] == (pytest.approx(24 / 23), False)
-
-
-def test_the_table_has_a_row_for_each_group_with_its_speed_up() -> None:
-    runs = [run_of(40.0, robots=1), run_of(42.0, robots=1, seed=4), run_of(20.5, robots=2)]
-    shown = table(runs)
-    assert shown.row_count == len(by_group(runs)) == 2
-    cells = {str(column.header): list(column.cells) for column in shown.columns}
-    assert cells["speed-up"] == ["1.00", "2.00"]
-    assert cells["95 % s"] == ["41.0 [40.0, 42.0]", "20.5"]
 
 
 @pytest.mark.slow

@@ -6,13 +6,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from robrain import Scenario
 from robrain.deploy.errors import UsageError
 from robrain.lab.bench.figure import BenchReport
 from robrain.lab.bench.mapping import HEADINGS, MappedRun, figures, mapped, run_bench, run_case
 from robrain.lab.bench.mapping_plan import OWN_MAPS, BenchPlan, Case, choose
 from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
-from robrain.sim.lockstep.result import RunResult
 
 CLINIC = OWN_MAPS / "clinic.yaml"
 SMALL = Case(map="arena_small", path="", robots=1, seed=3, wheels="exact", time_limit_s=2.0)
@@ -39,68 +37,33 @@ def test_every_map_comes_with_every_team_seed_and_kind_of_wheels() -> None:
 def test_by_default_all_maps_that_are_there_are_taken_and_the_others_named(tmp_path: Path) -> None:
     (tmp_path / "stage_cave.yaml").write_text("", encoding="utf-8")
     plan = chosen(maps=None, map_folder=tmp_path)
+    with pytest.raises(UsageError, match="nav2_depot: it is not on this computer, see --map-folder"):
+        chosen(maps="nav2_depot", map_folder=tmp_path)
     taken = {case.map for case in plan.cases}
     assert taken >= {path.stem for path in OWN_MAPS.glob("*.yaml")} | {"stage_cave", "depot", "arena_small"}
     assert set(plan.absent) == {"stage_hospital_section", "stage_autolab", "nav2_depot"}
     assert not taken & set(plan.absent)
 
 
-def test_map_may_be_given_by_its_path(tmp_path: Path) -> None:
-    own = tmp_path / "attic.yaml"
-    own.write_text("", encoding="utf-8")
-    assert [(case.map, case.path) for case in chosen(maps=str(own)).cases] == [("attic", str(own))]
-
-
 @pytest.mark.parametrize(
     ("options", "told"),
     [
         ({"maps": "moon"}, "--maps moon: there is no such map; expected a map.yaml or one of "),
-        ({"maps": "gone.yaml"}, "--maps gone.yaml: there is no such map"),
-        ({"maps": " , "}, "--maps ' , ': expected names"),
         ({"map_folder": Path("nowhere")}, "--map-folder nowhere: expected a folder"),
         ({"robots": "0"}, "--robots 0: expected numbers from 1 to 1000, got '0'"),
         ({"robots": "4-2"}, "--robots 4-2: expected numbers from 1 to 1000, got '4-2'"),
-        ({"robots": "-3"}, "--robots -3: expected numbers from 1 to 1000"),
         ({"robots": "two"}, "--robots two: expected whole numbers such as 1,2 or 1-4, got 'two'"),
-        ({"robots": "1-2-3"}, "--robots 1-2-3: expected whole numbers"),
         ({"seeds": "0-1000000000000"}, "--seeds 0-1000000000000: expected at most 1000 numbers"),
-        ({"seeds": ""}, "--seeds '': expected"),
         ({"wheels": "round"}, "--wheels round: expected exact or slipping"),
         ({"conditions": "usual,fog"}, "--conditions fog: expected usual or glass or late"),
         ({"jobs": 0}, "--jobs 0: expected at least 1"),
-        ({"time_limit_s": 0.0}, "--time-limit-s 0: expected a number above 0"),
         ({"time_limit_s": float("nan")}, "--time-limit-s nan: expected a number above 0"),
-        ({"time_limit_s": float("inf")}, "--time-limit-s inf: expected a number above 0"),
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(options: dict[str, object], told: str) -> None:
     with pytest.raises(UsageError) as error:
         chosen(**options)
     assert str(error.value).startswith(told)
-
-
-def test_map_that_is_known_but_absent_is_refused_as_such(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="stage_cave: it is not on this computer, see --map-folder"):
-        chosen(maps="stage_cave", map_folder=tmp_path)
-
-
-def test_slipping_wheels_are_those_of_the_page_on_localisation_and_exact_ones_are_left() -> None:
-    slipping = msgspec.structs.replace(SMALL, wheels="slipping").scenario()
-    wheels = slipping.hardware.wheels
-    assert (wheels.radius_sigma, wheels.base_sigma, wheels.slip, wheels.slip_sigma_m_per_sqrt_m) == (0.01,) * 4
-    world = slipping.world()
-    assert world.robot_file(world.robots[0]).parameters["localisation"]["wall_slack_cells"] == 0.0
-    exact = Scenario.builtin("arena_small").hardware.wheels
-    assert SMALL.scenario().hardware.wheels == exact
-
-
-def test_conditions_are_those_of_the_page_on_imperfections() -> None:
-    plan = chosen(maps="arena_small", conditions="usual,glass,late")
-    usual, glass, late = (case.scenario() for case in plan.cases)
-    assert {made.hardware.lidar.dropout for made in (usual, glass, late)} == {0.01}
-    assert (usual.surfaces.glass_share, usual.disturbance.is_on) == (0.0, False)
-    assert (glass.surfaces.glass_share, glass.disturbance.is_on) == (0.1, False)
-    assert (late.surfaces.glass_share, late.disturbance.is_on) == (0.0, True)
 
 
 def test_late_runs_are_compared_with_the_same_runs_in_time() -> None:
@@ -148,15 +111,6 @@ def test_run_tells_the_worst_robot_and_all_robots_samples() -> None:
     assert len(HEADINGS) == len(run.line())
 
 
-@pytest.mark.slow
-def test_nothing_measured_is_told_as_such() -> None:
-    result: RunResult = SMALL.scenario().run(time_limit_s=0.02)
-    run = mapped(SMALL, result)
-    assert run.nees_in_band is None
-    assert " – " in run.line()
-    assert not any("NEES" in figure.name for figure in figures([run]))
-
-
 def test_what_cannot_be_run_says_why_and_counts_in_no_figure() -> None:
     run = run_case(msgspec.structs.replace(SMALL, robots=1000))
     assert "robots" in run.refusal
@@ -188,6 +142,9 @@ def test_figures_are_worst_and_median_beside_their_bounds() -> None:
 
 @pytest.mark.slow
 def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_path: Path, capsys) -> None:
+    with pytest.raises(FileNotFoundError):  # before the first run
+        run_bench(BenchPlan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
+    assert "arena_small" not in capsys.readouterr().out
     file = tmp_path / "told.json"
     plan = BenchPlan(cases=[SMALL, msgspec.structs.replace(SMALL, wheels="slipping")], jobs=1, absent=["attic"])
     run_bench(plan, file)
@@ -203,9 +160,3 @@ def test_runs_are_printed_and_written_and_equal_in_processes_of_their_own(tmp_pa
     for run, other in zip(alone.runs, beside.runs, strict=True):
         assert msgspec.structs.replace(run, wall_time_s=0.0) == msgspec.structs.replace(other, wall_time_s=0.0)
     assert alone.runs[0].rmse_m > 0
-
-
-def test_file_that_cannot_be_written_is_refused_before_the_first_run(tmp_path: Path, capsys) -> None:
-    with pytest.raises(FileNotFoundError):
-        run_bench(BenchPlan(cases=[SMALL], jobs=1, absent=[]), tmp_path / "none" / "told.json")
-    assert "arena_small" not in capsys.readouterr().out

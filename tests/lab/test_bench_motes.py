@@ -1,10 +1,7 @@
 """`robrain bench motes`: what is judged, and what the table says."""
 
-import io
-
 import msgspec
 import pytest
-from rich.console import Console
 
 from robrain.algorithms.motes.routes import RadioGraph
 from robrain.deploy.errors import UsageError
@@ -13,13 +10,11 @@ from robrain.lab.bench.motes import (
     RELIEF,
     ROUTES,
     TREE,
-    WIDTH,
     MoteCase,
     MoteFieldRun,
     choose,
     figures,
     site_of,
-    table,
 )
 
 
@@ -55,24 +50,6 @@ def test_robots_are_judged_by_the_mean_over_that_of_the_tree(first_days: float, 
     assert [figure.kept for figure in found] == [kept, kept]
     assert found[0].value == pytest.approx(first_days / 100.0)
     assert "newest 1.5 h" in found[0].beside
-
-
-def test_without_a_tree_nothing_is_compared_with_it() -> None:
-    assert list(figures([run(MULES, 400.0)])) == []
-
-
-def test_table_has_a_row_for_each_method_and_fits_its_width() -> None:
-    out = io.StringIO()
-    Console(width=WIDTH, file=out).print(table([run(TREE, 80.0), run(TREE, 100.0, 2), run(MULES, 450.0)]))
-    text = out.getvalue()
-    tree, mules = (
-        next(line for line in text.splitlines() if line.startswith(f"│ {method} ")) for method in (TREE, MULES)
-    )
-    assert [cell.strip() for cell in tree.split("│")[1:10]] == [
-        "tree", "2", "90 [80, 100]", "180", "270", "0.45", "1.00", "50.0 %", "25.0 %",
-    ]  # fmt: skip
-    assert "5.00" in mules
-    assert "…" not in text
 
 
 def test_fields_are_fixed_by_their_seeds_and_all_motes_reach_the_sink() -> None:

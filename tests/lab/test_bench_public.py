@@ -67,11 +67,6 @@ def test_instance_without_capacity_is_one_salesmans_tour(written):
     assert result.gap is None
 
 
-def test_vehicles_are_as_many_as_the_name_of_the_instance_says(written):
-    path = written("CAPACITY : 100", DEMANDS, "S-n5-k3")
-    assert len(read_public(path).problem.workers) == 3
-
-
 def test_plan_that_exceeds_a_capacity_is_not_compared_and_says_why(written):
     result = solve(written("CAPACITY : 8", DEMANDS), best=60.0)
     assert result.over_capacity == 1
@@ -91,13 +86,6 @@ def test_best_known_value_is_that_of_the_solution_beside(written):
     path.with_suffix(".sol").write_text("Route #1: 1 2 4 3\nCost 44\n")
     assert read_best(path) == 44.0
     assert solve(path, read_best(path)).gap == 0.0
-
-
-def test_solution_without_a_cost_is_named(written):
-    path = written()
-    path.with_suffix(".sol").write_text("Route #1: 1 2 4 3\n")
-    with pytest.raises(InstanceError, match=r"square\.sol: expected a line `Cost NUMBER`"):
-        read_best(path)
 
 
 @pytest.mark.parametrize(

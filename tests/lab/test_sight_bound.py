@@ -34,8 +34,3 @@ def test_a_room_behind_a_wall_is_not_seen_before_its_door() -> None:
     plan, start = corridor(door_at_m=19.0), Point2D(1.0, 0.6)
     assert bound_s(plan, start, 0.2, 6.0, 0.5) > 0
     assert sight_bound_s(plan, start, 0.2, 6.0, 0.5) > bound_s(plan, start, 0.2, 6.0, 0.5) + 2.0
-
-
-def test_twice_the_speed_halves_it() -> None:
-    plan, start = corridor(), Point2D(1.0, 0.6)
-    assert sight_bound_s(plan, start, 0.2, 6.0, 1.0) == pytest.approx(sight_bound_s(plan, start, 0.2, 6.0, 0.5) / 2)

@@ -1,6 +1,7 @@
 """The report: what it tells is what was recorded, it needs nothing else, and nothing in a recording can run in it."""
 
 import re
+import runpy
 from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
@@ -10,7 +11,6 @@ import pytest
 from mcap.writer import Writer
 from PIL import Image
 
-from robrain.dashboard.replay.html_player import write_html
 from robrain.lab.report.mean_interval import mean_interval
 from robrain.lab.report.report import FIGURES, group_runs, totals, write_report
 from robrain.protocol.messages.maps.map_messages import ExplorationLeft, LeftKind, RegionLeft
@@ -18,8 +18,6 @@ from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.messages.robots.plugin_messages import LogRecord
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
-from robrain.protocol.messages.tasks.plan_messages import TaskEstimates
-from robrain.protocol.messages.tasks.task_messages import TaskEstimate
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -30,6 +28,7 @@ from robrain.sim.scenarios.scenario import Scenario
 from tests.recording.test_commands import HOSTILE
 
 NS_PER_S = 1_000_000_000
+NOTEBOOK = Path(__file__).parents[3] / "examples" / "notebook_run_analysis.py"
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +97,30 @@ def test_a_report_is_one_page_that_runs_nothing_with_all_figures_and_each_as_a_f
     assert not {name for name in page.attributes if name.startswith("on")}
 
 
-def test_a_format_that_nobody_knows_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="expected figures as svg, pdf, png; got 'bmp'"):
-        write_report([tmp_path / "run.mcap"], tmp_path / "none", forms=("bmp",))
-    assert not (tmp_path / "none").exists()
+@pytest.mark.parametrize(
+    ("name", "form", "refusal"),
+    [("run", "bmp", "expected figures as svg, pdf, png; got 'bmp'"), ("none", "svg", "no file")],
+)
+def test_an_unknown_format_or_recording_is_refused_and_leaves_nothing(
+    tmp_path: Path, name: str, form: str, refusal: str
+) -> None:
+    write(tmp_path / "run.mcap", [])
+    with pytest.raises(RecordingError, match=refusal):
+        write_report([tmp_path / f"{name}.mcap"], tmp_path / "out", forms=(form,))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_notebook_example_reads_a_recording(
+    result_and_run: tuple[RunResult, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, run = result_and_run
+    monkeypatch.setattr("sys.argv", ["notebook", str(run)])
+    runpy.run_path(str(NOTEBOOK), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "robot_state" in printed
+    assert "m² known" in printed
+    assert run.with_suffix(".png").stat().st_size > 5000
 
 
 @pytest.mark.slow
@@ -203,12 +222,6 @@ def test_a_report_names_what_exploration_had_left_when_it_was_told_last(tmp_path
     assert "unreachable" not in text
 
 
-def test_a_report_on_what_is_no_recording_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no file"):
-        write_report([tmp_path / "nosuch.mcap"], tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def hostile_said() -> list[tuple[str, float, msgspec.Struct]]:
     said: list[tuple[str, float, msgspec.Struct]] = []
     battery = BatteryState(voltage_v=24.0, current_a=1.0, temperature_c=30.0, soc=0.5, remaining_j=1e5)
@@ -249,18 +262,6 @@ def test_hostile_texts_stay_texts_in_the_report(tmp_path: Path) -> None:
     assert any("<script>alert(1)</script>" in said for said in page.said)  # shown, as the text that it is
 
 
-def test_hostile_texts_stay_texts_in_the_page_that_plays(tmp_path: Path) -> None:
-    recording = write(tmp_path / "run.mcap", hostile_said())
-    frames = write_html(recording, tmp_path / "run.html", frames_max=20)
-    text = (tmp_path / "run.html").read_text()
-    assert frames > 10
-    assert "alert(1)" not in text  # what is shown is in the compressed scene
-    assert not re.search(r"<(?:script|link|img)[^>]*\s(?:src|href)=[\"']https?://", text)
-
-
-# -- faults and recoveries, energy of tasks ---------------------------------------------------------------------
-
-
 def test_a_fault_lasts_until_the_robot_is_well_again() -> None:
     happenings = Happenings()
     well = RobotState(robot="r1")
@@ -295,41 +296,3 @@ def test_halts_failed_tasks_and_errors_are_told() -> None:
         ("task", "failed: wall", None),
         ("log", "burnt", None),
     ]
-
-
-def test_a_task_tells_what_was_predicted_of_the_robot_that_did_it_and_what_it_took(tmp_path: Path) -> None:
-    task = Task(id="t1", kind="visit", place=Point2D(1.0, 2.0))
-    times = dict.fromkeys(("starts_in_s", "arrives_in_s", "ends_in_s", "ends_low_s", "ends_high_s"), 1.0)
-    estimates = TaskEstimates(tasks=(TaskEstimate(task="t1", robot="r2", energy_j=120.0, **times),))
-    said: list[tuple[str, float, msgspec.Struct]] = [
-        ("task/event/t1", 0.0, TaskEvent(task=task, state=TaskState.QUEUED)),
-        ("task/estimates", 0.1, estimates),
-        ("task/event/t1", 0.2, TaskEvent(task=task, state=TaskState.RUNNING, robot="r2")),
-        ("task/event/t1", 8.0, TaskEvent(task=task, state=TaskState.DONE, robot="r2", result={"energy_j": 131.5})),
-    ]
-    [found] = read_run(write(tmp_path / "run.mcap", said)).tasks.values()
-    assert (found.robot, found.predicted_j, found.measured_j) == ("r2", 120.0, 131.5)
-    assert (found.queued_s, found.started_s, found.ended_s, found.state) == (0.0, 0.2, 8.0, "done")
-    assert found.spans == [("r2", 0.2, 8.0)]
-
-
-# -- tables and names on the page ---------------------------------------------------------------------------------
-
-
-def task_said(task_id: str, t_s: float, measured_j: float) -> tuple[str, float, msgspec.Struct]:
-    task = Task(id=task_id, kind="visit", place=Point2D(1.0, 2.0))
-    event = TaskEvent(task=task, state=TaskState.DONE, robot="r1", result={"energy_j": measured_j})
-    return (f"task/event/{task_id}", t_s, event)
-
-
-def test_each_task_has_a_row_with_figures_that_are_short_and_a_dash_for_those_that_are_not_known(
-    tmp_path: Path,
-) -> None:
-    measured_j = (7.0, 0.123456, 999.87654, 1000.4, 12345.6)
-    said = [task_said(f"t{number}", float(number), one_j) for number, one_j in enumerate(measured_j)]
-    page = Page(write_report([write(tmp_path / "run.mcap", said)], tmp_path / "out").page.read_text())
-    table = page.said[page.said.index("Tasks (5)") :]
-    rows = [table[table.index(f"t{number}") :] for number in range(5)]
-    assert [row[8] for row in rows] == ["7", "0.1235", "999.9", "1,000", "12,346"]
-    assert [row[7] for row in rows] == ["–"] * 5
-    assert rows[2][:7] == ["t2", "visit", "done", "r1", "2", "–", "2"]

@@ -26,12 +26,6 @@ def test_a_script_is_shrunk_to_the_faults_and_tasks_that_it_needs():
     assert (shrunk.halts, shrunk.cancels) == ((), ())
 
 
-def test_robots_that_are_not_needed_are_left_out():
-    shrunk = Shrinker(lambda script: True).shrink(SCRIPT)
-    assert len(shrunk.robots) == 1
-    assert (shrunk.faults, shrunk.tasks) == ((), ())
-
-
 def test_a_robot_that_stays_alive_is_left_in():
     first, *others = SCRIPT.robots
     dead = FaultSpec(robot=first.name, kind=FaultKind.KILL, at_s=1.0)
@@ -55,15 +49,6 @@ def test_tasks_do_not_wait_for_those_that_were_left_out():
     child = next(order.task.id for order in script.tasks if order.task.after)
     (order,) = Shrinker(needs(tasks=(child,))).shrink(script).tasks
     assert order.task.after == ()
-
-
-def test_trials_are_limited_and_what_was_reached_by_then_still_fails():
-    fails = needs(SCRIPT.faults[2])
-    shrinker = Shrinker(fails, trials_max=5)
-    shrunk = shrinker.shrink(SCRIPT)
-    assert shrinker.trials == 5
-    assert fails(shrunk)
-    assert msgspec.json.encode(shrunk) != msgspec.json.encode(SCRIPT)
 
 
 def test_robots_that_are_left_out_are_on_no_side_of_a_cut():

@@ -18,27 +18,21 @@ def robrain(*words):
 
 
 @pytest.mark.slow
-def test_a_soak_of_the_product_breaks_nothing_and_says_what_it_ran(tmp_path):
-    result = soak(SoakOptions(seeds=range(1, 3), jobs=1, output=tmp_path / "out"))
-    assert (result.runs, result.failures, result.errors) == (2, [], [])
-    assert result.tasks_done > 10
-    assert sum(result.faults.values()) == sum(len(draw_script(seed).faults) for seed in range(1, 3))
+def test_a_soak_of_the_product_breaks_nothing_and_counts_what_it_ran(tmp_path):
+    result = soak(SoakOptions(seeds=range(2, 3), jobs=1, output=tmp_path / "out"))
+    assert (result.runs, result.failures, result.errors) == (1, [], [])
+    assert result.tasks_done > 5
+    assert sum(result.faults.values()) == len(draw_script(2).faults)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_a_script_runs_again_from_its_file(tmp_path):
+def test_a_script_runs_again_from_its_file_and_exits_with_1_if_it_fails(tmp_path):
     file = tmp_path / "s.json"
     file.write_bytes(script_json(draw_script(SEED)))
     ended = robrain("soak", "--repeat", file)
     assert ended.exit_code == 0
     assert "no invariant broken" in ended.output
-
-
-@pytest.mark.slow
-def test_a_script_that_fails_again_says_what_is_broken_and_exits_with_1(tmp_path):
-    file = tmp_path / "s.json"
-    file.write_bytes(script_json(draw_script(SEED)))
     with planted("strays_stay"):
         ended = robrain("soak", "--repeat", file, "--json")
     assert ended.exit_code == 1
@@ -49,7 +43,7 @@ def test_a_script_that_fails_again_says_what_is_broken_and_exits_with_1(tmp_path
     ("words", "told"),
     [
         (("--runs", 0), "--runs 0: expected at least 1"),
-        (("--jobs", 0), "--jobs 0: expected at least 1"),
+        (("--full", "--repeat", "x.json"), "--full: expected no --repeat"),
         (("--minutes", -1), "--minutes"),
         (("--repeat", "nowhere.json"), "nowhere.json: cannot be read"),
     ],

@@ -2,12 +2,9 @@
 
 import csv
 import hashlib
-import json
 import multiprocessing
-import re
 import shlex
 from pathlib import Path
-from xml.etree import ElementTree
 
 import msgspec
 import pyarrow.parquet as pq
@@ -19,6 +16,8 @@ from robrain.lab.sweep.execution import DIED
 from robrain.lab.sweep.folder import JOURNAL
 from robrain.lab.sweep.plan import make_plan
 from robrain.lab.sweep.sweep import SweepManifest, SweepOptions, SweepProgress, SweepResult, run_sweep, sweep
+from robrain.lab.sweep.worker import RunTask, run_task
+from robrain.sim.firmware.battery import SimulatedBattery
 from tests.lab.sweep.conftest import SCENARIO, SEEDS, VARY
 
 pytestmark = pytest.mark.system
@@ -32,13 +31,18 @@ def table_bytes(result: SweepResult) -> bytes:
     return (result.folder / "table.parquet").read_bytes()
 
 
-def test_a_row_is_what_the_run_alone_gives(swept: SweepResult) -> None:
+def test_a_row_is_what_the_command_of_the_manifest_gives(swept: SweepResult, monkeypatch: pytest.MonkeyPatch) -> None:
     table = swept.table()
     assert list(zip(table["robots"], table["seed"], strict=True)) == [(r, s) for r in (1, 2) for s in SEEDS]
     assert set(table["state"]) == {"done"}
     row = table[(table["robots"] == 2) & (table["seed"] == 3)].iloc[0]
-    alone = SCENARIO.replace(robots=2, seed=3).run()
-    assert row["digest"] == alone.digest
+    monkeypatch.chdir(swept.folder)
+    manifest = manifest_of(swept.folder)
+    assert len(manifest.runs) == 6
+    program, verb, file, option, seed = shlex.split(manifest.runs[5].command)
+    assert (program, verb, option) == ("robrain", "run", "--seed")
+    alone = Scenario.from_file(file).replace(seed=int(seed)).run()
+    assert row["digest"] == manifest.runs[5].digest == alone.digest
     assert row["distance_m"] == alone.distance_m
     assert row["energy_j"] == alone.energy_j
     assert row["explored_share"] == alone.explored_fraction
@@ -60,18 +64,6 @@ def test_the_table_is_csv_as_well_with_a_line_for_each_run(swept: SweepResult) -
         assert [float(row[column]) for row in rows] == pytest.approx(list(table[column]))
     assert {row["tasks_done"] for row in rows} == {""}  # the scenario has no tasks
     assert (table["idle_s"] + table["waiting_s"] > 0).all()
-
-
-def test_the_manifest_has_a_command_for_each_run_that_repeats_it(
-    swept: SweepResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(swept.folder)
-    manifest = manifest_of(swept.folder)
-    assert len(manifest.runs) == 6
-    program, verb, file, option, seed = shlex.split(manifest.runs[4].command)
-    assert (program, verb, option) == ("robrain", "run", "--seed")
-    assert Scenario.from_file(file).replace(seed=int(seed)).run().digest == manifest.runs[4].digest
-    assert all((run.wall_time_s or 0) > 0 for run in manifest.runs)
 
 
 def test_the_manifest_has_versions_and_the_digests_of_all_files(swept: SweepResult) -> None:
@@ -96,13 +88,13 @@ def test_other_parameters_in_the_same_folder_are_refused(swept: SweepResult) -> 
 
 @pytest.mark.usefixtures("without_figures")
 def test_a_run_that_raises_is_a_row_with_its_error_and_the_others_go_on(folder: Path) -> None:
-    result = sweep(SCENARIO, [1, 2], vary={"robots": [1, 900]}, output=folder, workers=2)
+    result = sweep(SCENARIO, [1], vary={"robots": [1, 900]}, output=folder, workers=1)
     table = result.table()
-    assert list(table["state"]) == ["done", "done", "failed", "failed"]
-    assert all("900" in error for error in table["error"][2:])
-    assert table["digest"].isna().tolist() == [False, False, True, True]
-    assert [name for name, _ in result.errors] == ["2-robots=900-seed1", "2-robots=900-seed2"]
-    assert result.summary.settings[1].runs == {"failed": 2}
+    assert list(table["state"]) == ["done", "failed"]
+    assert "900" in table["error"][1]
+    assert table["digest"].isna().tolist() == [False, True]
+    assert [name for name, _ in result.errors] == ["2-robots=900-seed1"]
+    assert result.summary.settings[1].runs == {"failed": 1}
 
 
 @pytest.mark.usefixtures("without_figures")
@@ -134,51 +126,40 @@ def test_a_process_that_dies_fails_its_own_run_only_the_next_call_repeats_it_and
     assert [session.runs for session in manifest_of(folder).sessions] == [6, len(failed), 0]
 
 
-@pytest.mark.usefixtures("without_figures")
-def test_recordings_lie_beside_the_table(folder: Path) -> None:
-    sweep(SCENARIO, [7], vary={"robots": [1]}, output=folder, workers=1, record=True)
-    [run] = manifest_of(folder).runs
-    assert run.recording == "recordings/1-robots=1-seed7.mcap"
-    assert (folder / run.recording).stat().st_size > 1000
-
-
-def test_figures_are_vector_graphics_without_empty_panels(swept: SweepResult) -> None:
+def test_figures_are_vector_graphics(swept: SweepResult) -> None:
     names = {path.name for path in swept.files if path.parent.name == "figures"}
     stems = {"explored", "measures", "differences"}
     assert names == {f"{stem}.{form}" for stem in stems for form in ("svg", "pdf")}
-    for stem in stems:
-        assert (swept.folder / "figures" / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
-        root = ElementTree.fromstring((swept.folder / "figures" / f"{stem}.svg").read_text())
-        space = {"svg": "http://www.w3.org/2000/svg"}
-        panels = [
-            group for group in root.iter(f"{{{space['svg']}}}g") if re.fullmatch(r"axes_\d+", group.get("id", ""))
-        ]
-        assert panels
-        for panel in panels:
-            assert panel.findall(".//svg:g[@id]//svg:use", space), f"{stem}: a panel without points"
+    assert all((swept.folder / "figures" / f"{stem}.pdf").read_bytes().startswith(b"%PDF") for stem in stems)
+    assert all(b"</svg>" in (swept.folder / "figures" / f"{stem}.svg").read_bytes() for stem in stems)
 
 
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [
-        ({"workers": 0}, "--workers 0: expected at least 1"),
-        ({"workers": 2, "dask": "tcp://127.0.0.1:1"}, "leave it out with --dask"),
-    ],
-)
-def test_a_wrong_option_is_told_before_anything_is_written(folder: Path, options: dict[str, object], why: str) -> None:
-    with pytest.raises(UsageError, match=why):
-        sweep(SCENARIO, [1], output=folder, **options)  # type: ignore[arg-type]
+def test_wrong_workers_are_refused_before_anything_is_written(folder: Path) -> None:
+    with pytest.raises(UsageError, match="--workers 0: expected at least 1"):
+        sweep(SCENARIO, [1], output=folder, workers=0)
     assert not folder.exists()
 
 
-def test_the_summary_is_json(swept: SweepResult) -> None:
-    found = json.loads((swept.folder / "summary.json").read_text())
-    assert [setting["setting"] for setting in found["settings"]] == ["robots=1", "robots=2"]
-    assert found["settings"][0]["runs"] == {"done": 3}
-
-
-def test_one_seed_and_one_setting_make_a_sweep_too(folder: Path) -> None:
-    result = sweep(SCENARIO, [1], output=folder, workers=1)
-    assert len(make_plan(SCENARIO, [1], {}).runs()) == len(result.table()) == 1
+def test_one_seed_and_one_setting_make_a_sweep_with_a_recording(folder: Path) -> None:
+    result = sweep(SCENARIO, [7], output=folder, workers=1, record=True)
+    assert len(result.table()) == 1
     assert result.summary.comparisons == []
     assert [path.name for path in result.files if path.suffix == ".svg"] == ["explored.svg"]
+    [run] = manifest_of(folder).runs
+    assert run.recording is not None
+    assert (folder / run.recording).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_broken_invariants_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    step = SimulatedBattery.step
+
+    def leaks(battery: SimulatedBattery, *given: float) -> None:
+        step(battery, *given)
+        battery.delivered_j -= 20.0
+
+    monkeypatch.setattr(SimulatedBattery, "step", leaks)
+    toml = SCENARIO.replace(time_limit_s=3.0, motes=0).to_toml()
+    record = run_task(RunTask(run="one", seed=2, toml=toml))
+    assert record.outcome is not None, record.error
+    assert record.outcome.invariants_broken == 1
