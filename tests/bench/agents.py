@@ -28,7 +28,7 @@ import numpy as np
 
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.children import Children
-from robrain.deploy.processes.live_process import ANY_PORT, client_session, live_endpoint, open_hub
+from robrain.deploy.processes.live_process import ANY_PORT, client_endpoint, live_endpoint, open_hub
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
@@ -243,7 +243,7 @@ def _drive(endpoint: str, numbers: list[int], template: Template, stop: Any) -> 
     """One process of agents; each speaks at a moment of its own within the tenth of a second."""
     parent = os.getppid()
     names = [f"r{number:04d}" for number in numbers]
-    with client_session(endpoint) as session, live_endpoint(session, TEAM) as wire:
+    with client_endpoint(endpoint, TEAM) as wire:
         states = [wire.publisher(ROBOT_STATE, robot=name) for name in names]
         entities = [_answer(wire, name, template) for name in names]
         for name in names:
