@@ -7,7 +7,9 @@ from typing import Any
 import can
 import pytest
 
+from robrain.agent.errors import AccessDenied
 from robrain.deploy.bringup.bench import (
+    BASE,
     DRIVER,
     MotionFailed,
     MotionRunner,
@@ -79,8 +81,17 @@ def test_closing_the_bench_stops_the_wheels(bench: LockstepBench) -> None:
     assert not any(wheels(bench))
 
 
+class OnWheels(BareDriver):
+    """With the base alone, as the manifest without the lidar requires it."""
+
+    def use(self, name: str, interface: type) -> Any:
+        if name != BASE:
+            raise AccessDenied(name, "it is not required")
+        return super().use(name, interface)
+
+
 def test_a_runner_that_is_deactivated_stops_the_wheels_itself() -> None:
-    devices = BareDriver()
+    devices = OnWheels()
     devices.wheels.wheel_counts = lambda: None  # type: ignore[attr-defined]
     one = MotionRunner(devices, MotionRunner.Parameters())  # type: ignore[arg-type]
     one.init()
