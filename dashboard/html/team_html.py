@@ -104,7 +104,6 @@ def robots_html(view: ShownTeam, now_s: float, selected: str = "") -> str:
     robots = by_name(view.robots.values())
     if not robots:
         return placeholder("No robot has been heard yet.", "no-robots")
-    longest_s = max((robot.endurance_s or 0.0 for robot in robots), default=0.0)
     return render(
         "team",
         "robots",
@@ -113,7 +112,6 @@ def robots_html(view: ShownTeam, now_s: float, selected: str = "") -> str:
         view=view,
         now_s=now_s,
         selected=selected,
-        longest_s=longest_s,
         task_text=task_text,
     )
 
