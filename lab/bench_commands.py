@@ -111,11 +111,10 @@ def exploration(
     json_file: JsonFileOption = None,
 ) -> None:
     """Compare exploration strategies and team sizes on map files: full runs beside points."""
-    from robrain.deploy.command_line.scenario_choice import place_of
+    from robrain.deploy.command_line.options import point
     from robrain.lab.bench.exploration import choose, run_bench
 
-    around = place_of("--near", near)
-    place = None if around is None else (around.x_m, around.y_m)
+    place = None if near is None else point("--near", near)
     plan = choose(maps, robots, seeds, strategies, motion, place, jobs, time_limit_s, map_folder, with_sight=sight)
     run_bench(plan, json_file)
 

@@ -200,11 +200,7 @@ class Confirmations:
 
     """
 
-    def __init__(
-        self,
-        now_s: Callable[[], float],
-        new_token: Callable[[], str],
-    ) -> None:
+    def __init__(self, now_s: Callable[[], float], new_token: Callable[[], str]) -> None:
         self.dropped = 0
         """Orders that were dropped for newer ones."""
         self._now_s = now_s

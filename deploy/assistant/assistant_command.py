@@ -41,23 +41,6 @@ def assistant(
     ] = None,
 ) -> None:
     """Let a language model look at a team and ask it to work, over the Model Context Protocol (MCP)."""
-    assistant_command(connect, check_name("team", team), by, log, port)
-
-
-def assistant_command(connect: str | None, team: str, by: str | None, log: Path | None, port: int | None) -> None:
-    """Serve until the client hangs up, or until Ctrl-C.
-
-    Args:
-        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
-        team: its name.
-        by: the person that it assists; the team sees `assistant:NAME`.
-        log: path of the audit log.
-        port: port on 127.0.0.1 for HTTP; 0 uses a free one, None serves stdin and stdout.
-
-    Raises:
-        RobrainError: in one sentence.
-
-    """
     import anyio
 
     from robrain.client.team import Team
@@ -67,10 +50,11 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
     from robrain.deploy.command_line.output import print_message
     from robrain.protocol.access.identity import member_on
 
+    check_name("team", team)
     who = f"{PREFIX}:{check_name('assistant', by or os.environ.get('USER', '') or 'unknown')}"
     with ExitStack() as closing_all:
         listening = None if port is None else closing_all.enter_context(closing(_listening(HOST, port)))
-        audit = closing_all.enter_context(closing(AuditLog(log or default_log())))
+        audit = closing_all.enter_context(closing(AuditLog(log or state_folder() / "assistant.jsonl")))
         client = closing_all.enter_context(Team.connect(connect, team=team, by=who))
         halting = closing_all.enter_context(Team.connect(connect, team=team, by=who))
         confirmations = Confirmations(time.monotonic, lambda: secrets.token_urlsafe(TOKEN_BYTES))
@@ -93,11 +77,6 @@ def assistant_command(connect: str | None, team: str, by: str | None, log: Path 
             anyio.run(served.on_stdio)
         else:
             anyio.run(served.on_http, listening)
-
-
-def default_log() -> Path:
-    """Default path of the audit log."""
-    return state_folder() / "assistant.jsonl"
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -42,13 +42,7 @@ from robrain.deploy.bringup.floor_checks import (
     check_square,
     check_turn,
 )
-from robrain.deploy.bringup.wheel_checks import (
-    check_battery,
-    check_bus,
-    check_halt,
-    check_watchdog,
-    check_wheels,
-)
+from robrain.deploy.bringup.wheel_checks import check_battery, check_bus, check_halt, check_watchdog, check_wheels
 from robrain.deploy.errors import UsageError
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 
@@ -221,10 +215,7 @@ class BringUp:
             remedy = MORE_WALLS if isinstance(error, NoSight) else ""
             self._record([conclude(self._step, FindingKind.FAILED, str(error), remedy)])
         return BringUpReport(
-            robot=self._file.robot.name,
-            file=str(self._path),
-            backup=str(self._backup or ""),
-            findings=self._findings,
+            robot=self._file.robot.name, file=str(self._path), backup=str(self._backup or ""), findings=self._findings
         )
 
     def _air(self, *, moves: bool) -> None:

@@ -1,5 +1,6 @@
 """Common options of commands, their parsing, and the printing of results; light, as every command loads it."""
 
+import math
 import re
 from enum import StrEnum
 from pathlib import Path
@@ -74,6 +75,17 @@ def until_explored(until: str | None) -> float | None:
     if key != "explored" or not 0 < fraction <= 1:
         raise UsageError(f"--until {until!r}: expected explored=FRACTION with a fraction above 0 and at most 1")
     return fraction
+
+
+def point(option: str, text: str) -> tuple[float, float]:
+    """`3,4` as x and y, metres (UsageError naming the option)."""
+    try:
+        x_m, y_m = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3,4.5") from error
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        raise UsageError(f"expected a finite {option}, got {text}")
+    return x_m, y_m
 
 
 def above_zero(option: str, value: float | None) -> float | None:

@@ -1,27 +1,14 @@
 """Reads and checks the options of commands."""
 
-import math
 from pathlib import Path
 
 import msgspec
 
+from robrain.deploy.command_line.options import point
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.placement import Starts
 from robrain.sim.scenarios.scenario import Scenario
-
-
-def place_of(option: str, text: str | None) -> Point2D | None:
-    """Read a place, arena frame, such as `3.5,-2`, if it is given (UsageError if it has another form)."""
-    if text is None:
-        return None
-    try:
-        x_m, y_m = (float(part) for part in text.split(","))
-    except ValueError:
-        x_m = y_m = math.nan
-    if not (math.isfinite(x_m) and math.isfinite(y_m)):
-        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3.5,-2")
-    return Point2D(x_m, y_m)
 
 
 def choose_scenario(
@@ -74,9 +61,8 @@ def choose_scenario(
             except ValueError as error:
                 raise UsageError(f"--{option} {part}: {error}") from error
             scenario = scenario.replace(planning=policy)
-    around = place_of("--near", near)
-    if around is not None:
-        scenario = scenario.replace(near=around, starts=Starts.TOGETHER)
+    if near is not None:
+        scenario = scenario.replace(near=Point2D(*point("--near", near)), starts=Starts.TOGETHER)
     if idle:
         scenario = scenario.replace(idle=True)
     return scenario.replace(**{option: value for option, value in changes.items() if value is not None})

@@ -9,6 +9,7 @@ import typer
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_either
+from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ def backup(
     as_json: JsonOption = False,
 ) -> None:
     """Have the coordinator back up its journal, on its own machine, into FILE.backups; the newest 14 are kept."""
-    from robrain.deploy.errors import UsageError
-
     if (journal is None) != (output is None):
         raise UsageError("--journal and --output: give both, or neither")
     if journal is not None and output is not None:
@@ -49,14 +48,14 @@ def backup(
         found = back_up_closed(journal, output)
         print_either(found, [f"{output}: {_words(found)}"], as_json=as_json)
         return
-    from robrain.deploy.processes.live_process import client_session, live_endpoint
+    from robrain.deploy.processes.live_process import client_endpoint
     from robrain.protocol.errors import NobodyThere
     from robrain.protocol.messages.team.standing_messages import COORDINATOR_BACKUP
     from robrain.protocol.safe_text import safe_text
     from robrain.protocol.wire.hub import wrong_team
 
     check_name("team", team)
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
+    with client_endpoint(connect, team) as wire:
         try:
             made = wire.ask(COORDINATOR_BACKUP)
         except NobodyThere as error:

@@ -8,6 +8,7 @@ import typer
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team
 from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
 if TYPE_CHECKING:
@@ -102,7 +103,6 @@ def check(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder w
     """Find mistakes in a folder of plugins without a robot; exit status 1 if there are any."""
     from robrain.agent.authoring.plugin_check import check_plugins
     from robrain.agent.manifest import find_manifests
-    from robrain.deploy.errors import UsageError
 
     if not folder.is_dir():
         raise UsageError(f"{folder}: no such folder; expected one with plugins")
@@ -125,8 +125,6 @@ def _client(connect: str | None, team: str, robot: str) -> "Team":
 
 def _name_or_path(text: str) -> str:
     """Make a path of this machine absolute; return a name, or a path of the robot's machine, unchanged."""
-    from robrain.deploy.errors import UsageError
-
     path = Path(text)
     if path.exists():
         return str(path.resolve())

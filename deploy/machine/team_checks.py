@@ -3,23 +3,21 @@
 import os
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import zenoh
 
+from robrain.deploy.processes.name_claim import processes_at
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, reasons_of
 from robrain.protocol.clock import NS_PER_S, LiveClock
-from robrain.protocol.codec import BadPayload
 from robrain.protocol.messages.message import Message
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
 from robrain.protocol.messages.robots.robot_messages import ROBOT_CLAIM, ROBOT_STATE
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, COORDINATOR_WHO
-from robrain.protocol.topic import Query
 from robrain.protocol.wire.session import open_session
 
 SKEW_OK_S = 0.5
@@ -30,7 +28,6 @@ ENOUGH_STAMPS = 3
 ASK_S = 2.0
 STAGE = "doctor"
 """Of the token by which access is tried: no claim to a name, which has other stages."""
-EVERYONE: dict[str, Any] = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
 
 
 class CheckName(StrEnum):
@@ -188,9 +185,9 @@ def check_versions(own: str, others: dict[str, ProcessInfo]) -> Check:
 def members(session: zenoh.Session, team: str) -> dict[str, ProcessInfo]:
     """The processes of the coordinator and of all robots, by name; of several with one name one is kept."""
     found: dict[str, ProcessInfo] = {}
-    for _, info in _who(session, COORDINATOR_WHO, COORDINATOR_WHO.key(team)):
+    for _, info in processes_at(session, COORDINATOR_WHO, COORDINATOR_WHO.key(team), ASK_S):
         found["coordinator"] = info
-    for key, info in _who(session, ROBOT_WHO, ROBOT_WHO.selector(team)):
+    for key, info in processes_at(session, ROBOT_WHO, ROBOT_WHO.selector(team), ASK_S):
         names = ROBOT_WHO.parse(key)
         if names is not None:
             found[names["robot"]] = info
@@ -199,7 +196,8 @@ def members(session: zenoh.Session, team: str) -> dict[str, ProcessInfo]:
 
 def holders(session: zenoh.Session, team: str, robot: str) -> list[ProcessInfo]:
     """All processes that identify themselves as a robot."""
-    found = {info.zid: info for _, info in _who(session, ROBOT_WHO, ROBOT_WHO.key(team, robot=robot))}
+    answers = processes_at(session, ROBOT_WHO, ROBOT_WHO.key(team, robot=robot), ASK_S)
+    found = {info.zid: info for _, info in answers}
     return [found[zid] for zid in sorted(found)]
 
 
@@ -231,12 +229,3 @@ def check_name_free(robot: str, found: Sequence[ProcessInfo], host: str = "", pr
         f"another machine has the name {robot}: {holders_text}",
         "end that process first, or give this robot another name in its file",
     )
-
-
-def _who(session: zenoh.Session, topic: Query[None, ProcessInfo], selector: str) -> Iterator[tuple[str, ProcessInfo]]:
-    for reply in session.get(selector, timeout=ASK_S, **EVERYONE):
-        if reply.ok is not None:
-            try:
-                yield str(reply.ok.key_expr), topic.payloads.read(reply.ok.payload.to_bytes())
-            except BadPayload:
-                continue

@@ -117,23 +117,14 @@ def changing(pki: Path) -> Iterator[MembersFile]:
         yield read_members(path)
 
 
-def write_private(path: Path, data: bytes) -> None:
-    """Write a file that only its owner can read, in one step: a reader sees the old or the new one."""
-    _write(path, data, PRIVATE)
-
-
-def write_public(path: Path, data: bytes) -> None:
-    """Write a file that others may read, in one step."""
-    _write(path, data, PUBLIC)
-
-
 def make_folder(path: Path) -> None:
     """Make a folder that only its owner can enter."""
     path.mkdir(mode=FOLDER, parents=True, exist_ok=True)
     path.chmod(FOLDER)
 
 
-def _write(path: Path, data: bytes, mode: int) -> None:
+def _write(path: Path, data: bytes, mode: int = PRIVATE) -> None:
+    """Write a file in one step: a reader sees the old or the new one."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
     descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
@@ -235,9 +226,9 @@ def init(pki: Path, team: str, now: datetime) -> None:
     make_folder(pki)
     make_folder(pki / MEMBERS_FOLDER)
     pair = Authority.create(team, now)
-    write_private(pki / CA_KEY, pair.key)
-    write_public(pki / CA_CERTIFICATE, pair.certificate)
-    write_private(pki / MEMBERS_FILE, msgspec.json.format(msgspec.json.encode(MembersFile(team=team))))
+    _write(pki / CA_KEY, pair.key)
+    _write(pki / CA_CERTIFICATE, pair.certificate, PUBLIC)
+    _write(pki / MEMBERS_FILE, msgspec.json.format(msgspec.json.encode(MembersFile(team=team))))
 
 
 def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: Sequence[str] = ()) -> IssuedCertificate:
@@ -340,9 +331,9 @@ def _issue(
     folder = folder_of(pki, wanted)
     make_folder(folder)
     # The key first: until the certificate is there too, the old one does not fit it, and a reader tries again.
-    write_private(folder / KEY, pair.key)
-    write_public(folder / CERTIFICATE, pair.certificate)
-    write_public(folder / CA, ca_certificate)
+    _write(folder / KEY, pair.key)
+    _write(folder / CERTIFICATE, pair.certificate, PUBLIC)
+    _write(folder / CA, ca_certificate, PUBLIC)
     issued = IssuedCertificate(
         role=wanted.role,
         team=wanted.team,
@@ -359,13 +350,13 @@ def _issue(
 def _write_members(pki: Path, members: MembersFile) -> None:
     """The list of members, and its copies in the folders of routers."""
     text = msgspec.json.format(msgspec.json.encode(members))
-    write_private(pki / MEMBERS_FILE, text)
+    _write(pki / MEMBERS_FILE, text)
     for one in members.members:
         folder = folder_of(pki, one.member)
         if one.member.role is MemberRole.ROUTER and not one.revoked and folder.is_dir():
-            write_private(folder / MEMBERS_FILE, text)
+            _write(folder / MEMBERS_FILE, text)
             text_of_zenohd = zenohd_text(members.allowed, one.member, endpoints_of(folder / ZENOHD_FILE))
-            write_private(folder / ZENOHD_FILE, text_of_zenohd.encode())
+            _write(folder / ZENOHD_FILE, text_of_zenohd.encode())
 
 
 def _need_cryptography(where: Path) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import SET_UP, START
 from robrain.deploy.command_line.output import print_result
+from robrain.deploy.errors import UsageError
 
 if TYPE_CHECKING:
     from robrain.deploy.pki.issuing import IssuedCertificate
@@ -74,7 +75,6 @@ def renew(
 
     Without a member: for all that have less than a third of their life left, but those that are revoked.
     """
-    from robrain.deploy.errors import UsageError
     from robrain.deploy.pki import issuing
 
     if not role:

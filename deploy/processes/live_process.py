@@ -4,7 +4,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from typing import NamedTuple
 
 import zenoh
@@ -213,16 +213,16 @@ def place_of(connect: str | None, listen: str | None) -> Place:
 
 
 @contextmanager
-def client_session(connect: str | None) -> Iterator[zenoh.Session]:
-    """Open a client session at the given endpoint, or else at this machine's hub.
+def client_endpoint(connect: str | None, team: str) -> Iterator[Endpoint]:
+    """An endpoint of a client at the given endpoint of the team, or else at this machine's hub.
 
     Raises:
         NobodyThere: no router answers there.
         WireError: an endpoint is invalid.
 
     """
-    with closing(open_client_session(connect)) as session:
-        yield session
+    with closing(open_client_session(connect)) as session, live_endpoint(session, team) as wire:
+        yield wire
 
 
 def open_hub(listen: str | None) -> tuple[zenoh.Session, str]:
@@ -287,14 +287,9 @@ def open_when_there(
     return None
 
 
-@contextmanager
-def live_endpoint(session: zenoh.Session, team: str) -> Iterator[Endpoint]:
+def live_endpoint(session: zenoh.Session, team: str) -> AbstractContextManager[Endpoint]:
     """An endpoint of the live drive, closed at the end of the block."""
-    endpoint = Endpoint(session, team, LiveClock(), Drive.LIVE)
-    try:
-        yield endpoint
-    finally:
-        endpoint.close()
+    return closing(Endpoint(session, team, LiveClock(), Drive.LIVE))
 
 
 class LiveStop:

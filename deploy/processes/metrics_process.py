@@ -90,7 +90,7 @@ class TeamMetrics(Collector):
             self._coordinators.changes()
             for received in self._inbox.drain():
                 self._messages[received.topic.name] += 1
-                self._handle(received.topic.name, received.message)
+                self._handle(received.message)
 
     def ask_plugins(self) -> None:
         """Ask the robots how their plugins do; called every few seconds, as it waits for them."""
@@ -112,9 +112,8 @@ class TeamMetrics(Collector):
             self._periods_s.clear()
         return found
 
-    def _handle(self, topic: str, message: object) -> None:
-        if topic == ROBOT_STATE.name:
-            assert isinstance(message, RobotState)
+    def _handle(self, message: object) -> None:
+        if isinstance(message, RobotState):
             before = self._states.get(message.robot)
             if before is None and len(self._states) >= ROBOTS_MAX:
                 return
@@ -123,15 +122,12 @@ class TeamMetrics(Collector):
                 self._periods_s[message.robot] = max(self._periods_s.get(message.robot, 0.0), period_s)
             self._states[message.robot] = message
             self._refused[message.robot] = message.refused or []
-        elif topic == COORDINATOR_STATE.name:
-            assert isinstance(message, TeamState)
+        elif isinstance(message, TeamState):
             self._team = message
             self._refused["coordinator"] = message.refused or []
-        elif topic == TASK_EVENT.name:
-            assert isinstance(message, TaskEvent)
+        elif isinstance(message, TaskEvent):
             self._count_task(message.task.id, message.state)
-        elif topic == RECORDER_STATE.name:
-            assert isinstance(message, RecorderState)
+        elif isinstance(message, RecorderState):
             self._lost[message.recorder] = sum(each.messages for each in message.lost)
 
     def _count_task(self, task: str, state: TaskState) -> None:

@@ -191,13 +191,7 @@ class NameClaim:
     def _who(self, timeout_s: float) -> Iterator[ProcessInfo]:
         """The processes that answer for the name, this one included once it has the name."""
         key = self._keys.who.key(self._team, **self._keys.names)
-        everyone: Any = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
-        for reply in self._session.get(key, timeout=timeout_s, **everyone):
-            if reply.ok is not None:
-                try:
-                    yield self._keys.who.payloads.read(reply.ok.payload.to_bytes())
-                except BadPayload:
-                    continue  # not a robrain process; its token shows that a process is there
+        return (info for _, info in processes_at(self._session, self._keys.who, key, timeout_s))
 
     def _name_error(self, who: str) -> NameInUse:
         return NameInUse(f"{self._keys.what} is there already: {who}. End that process first, or use another name")
@@ -245,6 +239,19 @@ class NameWatcher:
         """Raise NameInUse if the name was lost."""
         if self.lost is not None:
             raise self.lost
+
+
+def processes_at(
+    session: zenoh.Session, who: Query[None, ProcessInfo], selector: str, timeout_s: float
+) -> Iterator[tuple[str, ProcessInfo]]:
+    """All processes that answer `who` at a selector, each with its key."""
+    everyone: Any = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+    for reply in session.get(selector, timeout=timeout_s, **everyone):
+        if reply.ok is not None:
+            try:
+                yield str(reply.ok.key_expr), who.payloads.read(reply.ok.payload.to_bytes())
+            except BadPayload:
+                continue  # not a robrain process; its token shows that a process is there
 
 
 def _describe_process(seen: _Seen) -> str:

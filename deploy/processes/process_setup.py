@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import NoReturn, TextIO
+from typing import TextIO
 
 import msgspec
 
@@ -121,17 +121,13 @@ def set_up_logs(words: list[str]) -> list[str]:
     elif words and words[0].startswith(f"{OPTION}="):
         chosen, rest = words[0].partition("=")[2], words[1:]
     if chosen not in FORMATS:
-        _complain(chosen)
+        raise UsageError(f"{OPTION} {chosen}: expected {' or '.join(FORMATS)}")
     os.environ[FORMAT_VARIABLE] = chosen  # processes that this one starts do the same
     handler = logging.StreamHandler()
     handler.setFormatter(JsonLines(CONTEXT) if chosen == "json" else SafeLines(TEXT))
     logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a cache that it cannot write, and works
     return rest
-
-
-def _complain(chosen: str) -> NoReturn:
-    raise UsageError(f"{OPTION} {chosen}: expected {' or '.join(FORMATS)}")
 
 
 EXIT_OUTPUT = 1

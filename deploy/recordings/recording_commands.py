@@ -159,12 +159,12 @@ def foxglove(
 ) -> None:
     """Serve a live team to Foxglove or Lichtblick, by a WebSocket on 127.0.0.1."""
     from robrain.deploy.command_line.output import print_result
-    from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint
+    from robrain.deploy.processes.live_process import LiveStop, client_endpoint
     from robrain.deploy.recordings.recording_live import serve_foxglove
 
     check_name("team", team)
     should_stop = LiveStop()
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
+    with client_endpoint(connect, team) as wire:
         serve_foxglove(wire, "127.0.0.1", port, lambda address: print_result(f"foxglove: {address}"), should_stop)
 
 

@@ -18,7 +18,7 @@ from robrain.deploy.command_line.output import print_result
 from robrain.deploy.command_line.terminal import console, print_line, text_column
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.children import DASHBOARD_READY
-from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_session, live_endpoint, open_hub
+from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, client_endpoint, live_endpoint, open_hub
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.keys import check_name
 from robrain.protocol.wire.session import listening_at, open_session
@@ -136,7 +136,7 @@ def dashboard_command(connect: str | None, team: str, port: int | None) -> None:
     from robrain.dashboard import run_dashboard
 
     should_stop = LiveStop()
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
+    with client_endpoint(connect, team) as wire:
 
         def ready(url: str) -> None:
             should_stop.ready()

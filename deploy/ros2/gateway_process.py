@@ -146,11 +146,6 @@ def battery_message(robot: str, state: BatteryState, stamp_ns: int) -> ros.Batte
     )
 
 
-def task_event(event: TaskEvent) -> String:
-    """A change of a task as the JSON that robrain itself sends."""
-    return String(msgspec.json.encode(event).decode())
-
-
 def markers(states: dict[str, RobotState], tasks: dict[str, TaskEvent], frame: str, stamp_ns: int) -> MarkerArray:
     """All robots (footprint and name) and open tasks; the first marker removes those drawn before.
 
@@ -372,7 +367,8 @@ class Gateway:
         self._show(now_ns)
         self._show_map(now_ns)
         if self._is_due("markers", MARKERS_NS, now_ns):
-            self._write("markers", ros.MARKER_ARRAY, LATCHED, self._markers(now_ns))
+            shown = markers(self._states, self._tasks, self._frame, now_ns)
+            self._write("markers", ros.MARKER_ARRAY, LATCHED, shown)
 
     # -- output -------------------------------------------------------------------------------------------------
 
@@ -409,13 +405,10 @@ class Gateway:
             self._write(f"{word}/battery", ros.BATTERY_STATE, RELIABLE, battery)
 
     def _handle_task(self, event: TaskEvent) -> None:
-        self._write("task_events", ros.STRING, RELIABLE, task_event(event))
+        self._write("task_events", ros.STRING, RELIABLE, String(msgspec.json.encode(event).decode()))
         self._tasks.pop(event.task.id, None)
         if not event.state.ended and len(self._tasks) < TASKS_MAX:
             self._tasks[event.task.id] = event
-
-    def _markers(self, now_ns: int) -> MarkerArray:
-        return markers(self._states, self._tasks, self._frame, now_ns)
 
     def _show_map(self, now_ns: int) -> None:
         for _, _, payload in self._maps.drain_raw():

@@ -55,9 +55,8 @@ class RclpyPort:
     def advertise(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> Writer[M]:
         """As RosPort."""
         known = _class_of(kind.name)
-        if known is None:
-            return _Silent()
-        return RclpyWriter(kind, self._link.publisher(known, self._full(topic), _profile(qos)))
+        publisher = None if known is None else self._link.publisher(known, self._full(topic), _profile(qos))
+        return RclpyWriter(kind, publisher)
 
     def subscribe(self, topic: str, kind: MessageType[M], qos: Qos = RELIABLE) -> "RclpyReader[M]":
         """As RosPort."""
@@ -83,28 +82,20 @@ class RclpyPort:
 
 
 class RclpyWriter(Generic[M]):
-    """See Writer."""
+    """See Writer; without a publisher messages are discarded."""
 
-    def __init__(self, kind: MessageType[M], publisher: Ros2Publisher) -> None:
+    def __init__(self, kind: MessageType[M], publisher: Ros2Publisher | None) -> None:
         self._kind, self._publisher = kind, publisher
 
     def publish(self, message: M) -> None:
         """As Writer."""
-        self._publisher.publish(self._kind.encode(message))
+        if self._publisher is not None:
+            self._publisher.publish(self._kind.encode(message))
 
     def close(self) -> None:
         """As Writer."""
-        self._publisher.close()
-
-
-class _Silent:
-    """A writer of a type that is not installed."""
-
-    def publish(self, message: Any) -> None:
-        """Nothing."""
-
-    def close(self) -> None:
-        """Nothing."""
+        if self._publisher is not None:
+            self._publisher.close()
 
 
 class RclpyReader(Generic[M]):

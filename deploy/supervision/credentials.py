@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 from robrain.deploy.errors import PkiError
@@ -140,8 +140,3 @@ class Credentials:
                     f"{folder / CERTIFICATE}: no such file, and no {CA_KEY} in {self.pki} to make it: "
                     f"`robrain pki issue {one.role} {one.name}` on the machine of the CA, then copy the folder here"
                 )
-
-
-def now_utc() -> datetime:
-    """The time for certificates."""
-    return datetime.now(UTC)

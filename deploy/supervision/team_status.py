@@ -11,7 +11,7 @@ import msgspec
 from robrain.client.members import team_found
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.command_line.terminal import new_table, print_line, results
-from robrain.deploy.processes.live_process import client_session, live_endpoint
+from robrain.deploy.processes.live_process import client_endpoint
 from robrain.deploy.supervision.part import ARENA, COORDINATOR, RECORDER
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
@@ -103,7 +103,7 @@ def status_of(connect: str | None, team: str) -> TeamStatus:
         NobodyThere: no member is present; the text lists the teams that have members present.
 
     """
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
+    with client_endpoint(connect, team) as wire:
         found = status_by(wire)
         if not found.robots and not found.coordinator:
             raise wrong_team(f"nobody of team {team} is at {', '.join(team_endpoints(connect))}", wire)
@@ -120,16 +120,15 @@ def status_by(wire: Endpoint) -> TeamStatus:
             break
         time.sleep(POLL_S)
         monitor.update()
-    summary, states = monitor.team_state, monitor.states
-    refused = {name: state.refused or [] for name, state in sorted(states.items())}
-    if summary is not None:
-        refused = {COORDINATOR: summary.refused or [], **refused}
+    summary, states = monitor.team_state or TeamState(robots=[]), monitor.states
+    refused = {COORDINATOR: summary.refused or []}
+    refused |= {name: state.refused or [] for name, state in sorted(states.items())}
     statuses = {name: robot_status(name, states.get(name)) for name in found.robots}
     statuses |= {
         robot.name: RobotStatus(
             robot=robot.name, condition=RobotCondition.GONE, task=robot.task, soc=robot.soc, silent_s=robot.age_s
         )
-        for robot in (() if summary is None else summary.robots)
+        for robot in summary.robots
         if isinstance(robot.out, Gone) and robot.name not in statuses
     }
     return TeamStatus(
@@ -138,10 +137,10 @@ def status_by(wire: Endpoint) -> TeamStatus:
         robots=found.robots,
         statuses=[statuses[name] for name in sorted(statuses, key=natural_key)],
         refused={name: each for name, each in refused.items() if each},
-        mote_field=None if summary is None else summary.mote_field or None,
-        stand_by=None if summary is None else summary.stand_by or None,
-        lead=None if summary is None else summary.lead or None,
-        unwritable="" if summary is None else summary.unwritable or "",
+        mote_field=summary.mote_field or None,
+        stand_by=summary.stand_by or None,
+        lead=summary.lead or None,
+        unwritable=summary.unwritable or "",
     )
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from robrain.deploy.command_line.output import print_json
 from robrain.deploy.command_line.terminal import console, new_table, results
-from robrain.deploy.processes.live_process import LiveStop, client_session, live_endpoint
+from robrain.deploy.processes.live_process import LiveStop, client_endpoint
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
@@ -163,7 +163,7 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
 
     """
     should_stop = LiveStop()
-    with client_session(connect) as session, live_endpoint(session, team) as wire:
+    with client_endpoint(connect, team) as wire:
         found = Top(wire)
         began_s = time.monotonic()
         prints_once = once or as_json or not console.is_terminal

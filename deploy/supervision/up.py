@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +21,7 @@ from robrain.deploy.command_line.terminal import both_at_a_terminal, clock_of, c
 from robrain.deploy.errors import ChildFailed, UsageError
 from robrain.deploy.processes.children import forwarder_line
 from robrain.deploy.processes.live_process import ANY_PORT, LiveStop, live_endpoint, open_when_there
-from robrain.deploy.supervision.credentials import Credentials, now_utc
+from robrain.deploy.supervision.credentials import Credentials
 from robrain.deploy.supervision.part import (
     ARENA,
     COORDINATOR,
@@ -235,7 +236,7 @@ def run_up(plan: UpPlan, should_stop: Callable[[], bool], display: "UpDisplay") 
             if credentials is not None and time.monotonic() >= renew_at_s:
                 renew_at_s = time.monotonic() + RENEW_PERIOD_S
                 try:
-                    credentials.renew(plan.parts, now_utc())
+                    credentials.renew(plan.parts, datetime.now(UTC))
                 except (RobrainError, OSError) as error:  # the team continues with its current certificates
                     print_message(f"up: certificates are not renewed: {error}")
             if waiting and all(each.restarts.was_ready for each in supervisor.all if each.part.name == RECORDER):
@@ -259,7 +260,7 @@ def _prepared(plan: UpPlan, folder: Path) -> Credentials | None:
     if plan.listen is not None and not is_secured(check_endpoint(plan.listen)):
         raise UsageError(f"--listen {plan.listen}: expected tls/HOST:PORT for a secured team")
     credentials = Credentials(plan.pki or folder / "pki", plan.team)
-    credentials.prepare(plan.parts, now_utc(), plan.hosts)
+    credentials.prepare(plan.parts, datetime.now(UTC), plan.hosts)
     return credentials
 
 

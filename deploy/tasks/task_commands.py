@@ -4,25 +4,33 @@ import inspect
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import typer
 
-from robrain.client.submission import AS_SENT, TaskFields
+from robrain.client.submission import AS_SENT, TaskFields, submission_of
 from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team
+from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, point
 from robrain.deploy.command_line.output import print_either, print_json
-from robrain.deploy.tasks.task_files import REMEDIES, estimate_text, remedy_text, verdict_line
+from robrain.deploy.errors import UsageError
+from robrain.deploy.tasks.task_files import (
+    REMEDIES,
+    TaskWords,
+    dry_run_lines,
+    estimate_text,
+    parameters_set,
+    remedy_text,
+    tasks_in,
+    verdict_line,
+)
+from robrain.protocol.errors import CallError
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
-
-if TYPE_CHECKING:
-    from robrain.deploy.tasks.task_files import TaskWords
-    from robrain.protocol.model.tasks.task import TaskState
-
+from robrain.protocol.model.tasks.task import TaskState
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.")]
@@ -148,8 +156,6 @@ def add(
     **fields: Any,
 ) -> None:
     """Submit a task, or the tasks in a file; an impossible task is refused at once."""
-    from robrain.protocol.errors import CallError
-
     tasks = asked_tasks(what, parameters, **fields)
     if dry_run:
         _dry_run(tasks, connect, team, as_json=as_json)
@@ -181,10 +187,8 @@ def _with_task_options(command: Callable[..., None]) -> Callable[..., None]:
 _with_task_options(add)
 
 
-def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_json: bool) -> None:
+def _dry_run(tasks: list[TaskWords], connect: str | None, team: str, *, as_json: bool) -> None:
     """Print the expected effects of each task if it came now, without those before it in the file."""
-    from robrain.deploy.tasks.task_files import dry_run_lines
-
     with connect_team(connect, team) as client:
         found = [client.dry_run(kind, id=given.pop("id", None), parameters=given) for kind, given in tasks]
     for one in found:
@@ -193,7 +197,7 @@ def _dry_run(tasks: "list[TaskWords]", connect: str | None, team: str, *, as_jso
         raise typer.Exit(EXIT_REFUSED)
 
 
-def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -> "list[TaskWords]":
+def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -> list[TaskWords]:
     """The tasks that the options of `task add` ask for.
 
     Args:
@@ -205,12 +209,8 @@ def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -
         UsageError, BadTask: naming the option, or file and key.
 
     """
-    from robrain.client.submission import submission_of
-    from robrain.deploy.errors import UsageError
-    from robrain.deploy.tasks.task_files import TaskWords, parameters_set, point, tasks_in
-
     given = {
-        one.field: point(one.option, fields[one.field]) if one.form is POINT else fields[one.field]
+        one.field: list(point(one.option, fields[one.field])) if one.form is POINT else fields[one.field]
         for one in TASK_OPTIONS
         if fields.get(one.field) not in (None, [], ())
     }
@@ -250,8 +250,6 @@ def list_tasks(
     as_json: JsonOption = False,
 ) -> None:
     """List tasks with their states."""
-    from robrain.protocol.messages.tasks.task_messages import TaskFilter
-
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
     with connect_team(connect, team) as client:
@@ -317,10 +315,6 @@ def watch(
     as_json: JsonOption = False,
 ) -> None:
     """Print each change of tasks until they end; exit status 1 if one of them was not done."""
-    from robrain.deploy.errors import UsageError
-    from robrain.protocol.messages.tasks.task_messages import TaskFilter
-    from robrain.protocol.model.tasks.task import TaskState
-
     not_done = 0
     with connect_team(connect, team) as client:
         wanted = list(task_ids or [])
@@ -385,16 +379,11 @@ def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_j
     print_either(charges, lines, as_json=as_json)
 
 
-def _open_states() -> "list[TaskState]":
-    from robrain.protocol.model.tasks.task import TaskState
-
+def _open_states() -> list[TaskState]:
     return [state for state in TaskState if not state.ended]
 
 
-def _state(text: str) -> "TaskState":
-    from robrain.deploy.errors import UsageError
-    from robrain.protocol.model.tasks.task import TaskState
-
+def _state(text: str) -> TaskState:
     try:
         return TaskState(text)
     except ValueError as error:

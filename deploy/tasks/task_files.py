@@ -1,7 +1,6 @@
 """Tasks from a command line or from a JSON or TOML file; each mistake is reported in one sentence."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -76,17 +75,6 @@ def parameters_set(words: Sequence[str], given: Mapping[str, Any]) -> dict[str, 
         except (ValueError, RecursionError):
             found[name] = text
     return found
-
-
-def point(option: str, text: str) -> list[float]:
-    """`3,4` as x and y, metres (UsageError naming the option)."""
-    try:
-        x_m, y_m = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise UsageError(f"{option} {text}: expected X,Y in metres, such as 3,4.5") from error
-    if not (math.isfinite(x_m) and math.isfinite(y_m)):
-        raise UsageError(f"expected a finite {option}, got {text}")
-    return [x_m, y_m]
 
 
 REMEDIES = 3

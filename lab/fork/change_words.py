@@ -11,10 +11,10 @@ import msgspec
 import typer
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.deploy.command_line.options import point
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.table_files import read_planning
 from robrain.deploy.tasks.task_commands import add, asked_tasks
-from robrain.deploy.tasks.task_files import point
 from robrain.lab.fork.changes import AddFault, AddTask, Change, SetPolicy, Without
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
 

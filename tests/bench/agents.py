@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.deploy.processes.live_process import client_session, live_endpoint
+from robrain.deploy.processes.live_process import client_endpoint, live_endpoint
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.links.inbox import Inbox
@@ -234,7 +234,7 @@ def _drive(endpoint: str, numbers: list[int], template: Template, stop: Any) -> 
     """One process of agents; each speaks at a moment of its own within the tenth of a second."""
     parent = os.getppid()
     names = [f"r{number:04d}" for number in numbers]
-    with client_session(endpoint) as session, live_endpoint(session, TEAM) as wire:
+    with client_endpoint(endpoint, TEAM) as wire:
         states = [wire.publisher(ROBOT_STATE, robot=name) for name in names]
         entities = [_answer(wire, name, template) for name in names]
         for name in names:

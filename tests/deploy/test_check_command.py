@@ -1,21 +1,15 @@
 """`robrain check`: what it says of invariants, its exit status, and where it gets floor and chargers from."""
 
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from robrain.cli import all_commands
 from robrain.deploy.recordings.surroundings import (
-    EXACT_UP_TO_M,
-    clearance_on,
     surroundings_of_provenance,
     surroundings_of_recording,
 )
@@ -26,11 +20,10 @@ from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Drive
-from robrain.recording.invariants.invariant import Invariant, InvariantState, MissingEvidence, Ruling
+from robrain.recording.invariants.invariant import Invariant, InvariantState, Ruling
 from robrain.recording.provenance import Provenance
 from robrain.recording.reader.checking import check_recording
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.world.arena import clearance_m
 from tests.recording.invariants.team_script import TeamScript, at_task
 
 DEPOT = Scenario.builtin("depot")
@@ -112,28 +105,6 @@ def test_a_broken_invariant_is_told_in_a_sentence_and_is_exit_status_1(bad: Path
     assert "1 invariant broken" in done.stdout
 
 
-def test_what_cannot_be_judged_says_why_and_is_not_shown_as_kept(bad: Path) -> None:
-    done = check(str(bad))
-    [walls] = [line for line in done.stdout.splitlines() if line.startswith("no wall is crossed")]
-    assert "not judged" in walls
-    assert "no ground truth" in walls
-    assert "kept" not in walls
-
-
-def test_json_has_a_list_of_invariants_with_findings_as_values(bad: Path) -> None:
-    done = check(str(bad), "--json")
-    assert done.exit_code == 1
-    told = {one["invariant"]: one for one in json.loads(done.stdout)["invariants"]}
-    assert list(told) == [str(invariant) for invariant in Invariant]
-    assert told["walls"]["state"] == "not_judged"
-    assert told["walls"]["missing"] == "truth"
-    [breach] = told["task_at_one"]["breaches"]
-    assert breach["time_s"] == pytest.approx(2.2)  # since the first message
-    assert breach["finding"]["code"] == "task_at_two"
-    assert breach["finding"]["robots"] == ["r1", "r2"]
-    assert "door" in breach["text"]
-
-
 # -- floor and chargers -----------------------------------------------------------------------------------------
 
 
@@ -174,35 +145,3 @@ def test_a_map_file_that_is_not_in_the_recording_is_not_looked_for(tmp_path: Pat
     found = of_live(toml, tmp_path)
     assert found.clearance_m is None
     assert [charger.place for charger in found.chargers] == [Point2D(1.0, 2.0)]
-
-
-@pytest.mark.parametrize("toml", ["", "not = [toml", "[scenario]\nname = 3\n"])
-def test_a_scenario_that_cannot_be_read_leaves_walls_unjudged(toml: str, tmp_path: Path) -> None:
-    assert of_live(toml, tmp_path).clearance_m is None
-
-
-def test_without_the_simulator_all_but_walls_is_judged(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "robrain.deploy.recordings.surroundings")
-    monkeypatch.delitem(sys.modules, "robrain.sim.scenarios.scenario")
-    monkeypatch.setitem(sys.modules, "pymunk", None)
-    for name in sorted((name for name in sys.modules if name.startswith("robrain.sim.")), reverse=True):
-        package, _, last = name.rpartition(".")
-        monkeypatch.setattr(sys.modules[package], last, sys.modules[name])  # put back afterwards, as an import sets it
-        monkeypatch.delitem(sys.modules, name)
-    assert ruling(run, Invariant.WALLS).missing is MissingEvidence.SIMULATOR
-    assert ruling(run, Invariant.TASK_KEPT).state is InvariantState.KEPT
-
-
-@pytest.mark.slow
-@given(st.floats(-1.0, 25.0), st.floats(-1.0, 15.0))
-@settings(max_examples=100)
-def test_clearance_that_is_looked_up_is_that_of_the_floor(x_m: float, y_m: float) -> None:
-    found_m, true_m = CLEARANCE(x_m, y_m), clearance_m(PLAN, Point2D(x_m, y_m))
-    if found_m <= EXACT_UP_TO_M:
-        assert found_m == pytest.approx(true_m, abs=1e-9)
-    else:
-        assert true_m > found_m - 1e-9
-
-
-PLAN = DEPOT.plan()
-CLEARANCE = clearance_on(PLAN)

@@ -3,7 +3,6 @@
 Each planted bug replaces a function of the product for one run; the same run without it keeps every invariant.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,21 +12,14 @@ import pytest
 from robrain.agent.host.robot_halts import RobotHalts
 from robrain.agent.robot_tasks import RobotTasks
 from robrain.client.team import Team
-from robrain.coordinator.parts import exploration
-from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.surroundings import surroundings_of
-from robrain.plugins.behavior.recharge import RechargeBehavior
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.invariants.invariant import Invariant, InvariantState, Ruling
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.firmware import motor_controller
-from robrain.sim.firmware.battery import BatterySpec, SimulatedBattery
-from robrain.sim.robot import robot_team
-from robrain.sim.robot.robot_body import RobotBodies
+from robrain.sim.firmware.battery import BatterySpec
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.chargers import ChargerSpec
 
@@ -103,11 +95,6 @@ def cut_off(team: Team) -> None:
     assert team.get("long").robot not in ("", name)
 
 
-def standing(team: Team) -> None:
-    """Nothing but time."""
-    team.run_for(8.0)
-
-
 def long_day(team: Team) -> None:
     """Long enough for the small batteries of `weak`."""
     team.run_for(60.0)
@@ -139,49 +126,10 @@ def test_a_run_keeps_every_invariant(name: str) -> None:
 # -- planted bugs -----------------------------------------------------------------------------------------------
 
 
-def test_a_coordinator_that_forgets_what_it_queues_again_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    give_back = TaskBook.give_back
-
-    def forgets(book: TaskBook, task_id: str, *given: Any, **named: Any) -> TaskRecord:
-        record = give_back(book, task_id, *given, **named)
-        book._open.pop(task_id, None)
-        return record
-
-    monkeypatch.setattr(TaskBook, "give_back", forgets)
-    [one] = only(judged(halts), "tasks_forgotten")
-    assert (one["missing"], one["tasks"]) == (1, ["door"])
-
-
 def test_a_robot_that_keeps_its_task_after_the_lease_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RobotTasks, "check_lease", lambda *_: None)
     [one] = only(judged(cut_off), "task_at_two")
     assert (one["task"], one["robots"]) == ("long", ("r1", "r2"))
-
-
-def test_an_end_that_is_told_twice_as_two_changes_and_a_meter_of_energy_that_falls_are_found(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    take = TaskBook._keep_change
-
-    def tells_twice(book: TaskBook, record: TaskRecord) -> TaskRecord:
-        taken = take(book, record)
-        if taken.state is TaskState.DONE:
-            book._publish(msgspec.structs.replace(taken, change=taken.change + 1).event)
-        return taken
-
-    step = SimulatedBattery.step
-
-    def leaks(battery: SimulatedBattery, *given: float) -> None:
-        step(battery, *given)
-        if battery.delivered_j > 50.0:
-            battery.delivered_j -= 20.0
-
-    monkeypatch.setattr(TaskBook, "_keep_change", tells_twice)
-    monkeypatch.setattr(SimulatedBattery, "step", leaks)
-    told = found(judged(visits))
-    assert {one["code"] for one in told} == {"done_again", "delivered_fell"}
-    assert {"door", "corner"} <= {one["task"] for one in told if one["code"] == "done_again"}
-    assert all(one["now_j"] < one["before_j"] for one in told if one["code"] == "delivered_fell")
 
 
 def test_a_robot_that_does_not_hear_halts_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,34 +144,3 @@ def test_a_robot_that_says_to_be_halted_and_rolls_on_is_found(monkeypatch: pytes
     monkeypatch.setattr(motor_controller, "WATCHDOG_S", 1000.0)
     told = only(judged(halts), "moved_halted")
     assert all(one["is_true"] and one["moved_m"] > 0.05 for one in told)
-
-
-def pushed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Something pushes every robot to the east."""
-    drive = RobotBodies.drive
-
-    def push(bodies: RobotBodies) -> None:
-        drive(bodies)
-        for body in bodies.bodies:
-            body.body.velocity = (0.4, 0.0)
-
-    monkeypatch.setattr(RobotBodies, "drive", push)
-
-
-def test_robots_that_are_pushed_against_a_wall_do_not_cross_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    pushed(monkeypatch)
-    assert found(judged(standing, WITH_CHARGER)) == []
-
-
-def test_robots_that_go_through_walls_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    pushed(monkeypatch)
-    monkeypatch.setattr(robot_team, "add_walls", lambda *_, **__: None)
-    told = only(judged(standing, WITH_CHARGER), "in_wall")
-    assert {one["robot"] for one in told} == {"r1", "r2"}
-
-
-def test_a_robot_that_does_not_go_home_to_charge_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(RechargeBehavior, "step", lambda _: None)
-    monkeypatch.setattr(exploration, "reach_m", lambda *_: math.inf)  # nor does the coordinator count the way home
-    [one] = only(judged(long_day, weak(WITH_CHARGER)), "out_of_energy")
-    assert one["robot"] == "r1"

@@ -1,7 +1,6 @@
 """Claims of a name by clients of one hub."""
 
 import threading
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -19,7 +18,6 @@ from tests.waiting import until
 
 TEAM = "default"
 WAIT_S = 120.0
-BUSY_S = 0.7
 ROBOT = (name_claim.ROBOT_CLAIM, name_claim.ROBOT_ALIVE, name_claim.ROBOT_WHO)
 
 
@@ -48,13 +46,6 @@ def take(claim: NameClaim) -> bool:
     return claim.acquire(lambda _: None, lambda: False)
 
 
-def test_a_free_name_is_taken_at_once(join):
-    said: list[str] = []
-    with claim_robot(join(), TEAM, "r1") as claim:
-        assert claim.acquire(said.append, lambda: False)
-    assert said == []
-
-
 @pytest.mark.parametrize("is_settled", [False, True], ids=["still starting", "alive"])
 def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
     session = join()
@@ -72,17 +63,6 @@ def test_a_second_process_is_told_which_one_has_the_name(join, is_settled):
         )
         if is_settled:
             alive.close()
-
-
-@pytest.mark.slow
-def test_a_busy_process_has_time_to_say_that_it_has_the_name(join, monkeypatch):
-    said: list[str] = []
-    with claim_robot(join(), TEAM, "r1") as first, claim_robot(join(), TEAM, "r1") as second:
-        monkeypatch.setattr(first, "_reply_process", lambda _: time.sleep(BUSY_S) or first.info)
-        assert take(first)
-        with pytest.raises(NameInUse, match=f"process {first.info.pid} on {first.info.host}"):
-            second.acquire(said.append, lambda: False)
-    assert said == []
 
 
 def test_other_names_teams_and_roles_do_not_meet(join):
@@ -214,16 +194,6 @@ class Watched:
     def after(self, seconds: float) -> bool:
         self.now_s += seconds
         return self.watch()
-
-
-def test_watch_looks_for_nobody_while_it_is_asked_each_half_lease() -> None:
-    one = Watched()
-    one.found = NameInUse("another")
-    assert not any(one.after(LEASE_MS / 2000) for _ in range(20))
-    assert one.asked == 0
-    one.watch.check()
-    one.is_to_stop = True
-    assert one.after(0.1)
 
 
 def test_after_a_hang_a_watch_looks_five_times_a_second_for_ten_seconds() -> None:

@@ -7,11 +7,9 @@ import pytest
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.command_line.options import next_file
 from robrain.deploy.command_line.scenario_choice import choose_scenario
-from robrain.deploy.commands.team_commands import one_robot
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.coordinator_process import read_witnesses
 from robrain.deploy.processes.table_files import read_planning, write_planning
-from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.sim.errors import ScenarioError
 
@@ -29,15 +27,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "room.toml").write_text(ROOM)
     (tmp_path / "mine.py").write_text("def choose(situation):\n    return []\n\n\nclass Mine:\n    pass\n")
     return tmp_path
-
-
-@pytest.mark.parametrize("name", ["lab.yaml", "maps/lab.yml"])
-def test_a_map_is_a_scenario(name: str) -> None:
-    assert choose_scenario(name, None, 2, None, None).replace(toml="") == choose_scenario(
-        None, Path(name), 2, None, None
-    )
-    with pytest.raises(UsageError, match=r"map\.yaml"):
-        choose_scenario(None, None, None, None, None)
 
 
 @pytest.mark.parametrize("near", ["9,1", "1,-4"])
@@ -95,12 +84,6 @@ def test_what_is_written_is_read(tmp_path):
     assert read_planning(write_planning(tmp_path / "usual.toml", PlanningPolicy())) == PlanningPolicy()
 
 
-def test_a_scenario_will_do_as_its_other_tables_are_not_looked_at(tmp_path):
-    path = tmp_path / "depot.toml"
-    path.write_text('[scenario]\nname = "depot"\n[planning]\nseed = 3\n')
-    assert read_planning(path) == PlanningPolicy(seed=3)
-
-
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -125,43 +108,6 @@ def test_a_wrong_file_is_told_in_one_sentence_with_its_name_and_key(tmp_path, te
     assert "\n" not in str(raised.value)
 
 
-def test_a_file_that_is_not_there_or_no_text_is_told(tmp_path):
-    with pytest.raises(UsageError, match=r"team\.toml: there is no such file"):
-        read_planning(tmp_path / "team.toml")
-    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UsageError, match="cannot be read"):
-        read_planning(tmp_path / "bytes.toml")
-    with pytest.raises(UsageError, match="cannot be read"):
-        read_planning(tmp_path)
-
-
 def test_a_coordinator_is_alone_without_witnesses_and_a_candidate_with_them() -> None:
     assert read_witnesses(None) == ()
     assert read_witnesses("r1,r2,r3", is_candidate=True) == ("r1", "r2", "r3")
-
-
-@pytest.mark.parametrize(
-    ("witnesses", "stands_by", "reason"),
-    [
-        (None, True, "--stand-by: expected the robots that elect as well, such as --witnesses r1,r2,r3"),
-        ("r1,r2,r1", False, "--witnesses r1,r2,r1: expected each robot once, got r1 more often"),
-        ("r1,,r2", False, "bad robot name '': it is empty"),
-        (",".join(f"r{number}" for number in range(64)), False, "--witnesses: expected at most 63 robots, got 64"),
-    ],
-)
-def test_a_mistake_is_refused_in_words(witnesses: str | None, stands_by: bool, reason: str) -> None:
-    with pytest.raises(RobrainError) as refused:
-        read_witnesses(witnesses, is_candidate=stands_by)
-    assert str(refused.value) == reason
-
-
-@pytest.mark.parametrize(
-    ("argument", "option", "robot"), [(None, None, None), ("r1", None, "r1"), (None, "r1", "r1"), ("r1", "r1", "r1")]
-)
-def test_robot_is_taken_from_either(argument: str | None, option: str | None, robot: str | None) -> None:
-    assert one_robot(argument, option) == robot
-
-
-def test_two_robots_are_refused() -> None:
-    with pytest.raises(UsageError, match="--robot r2: expected one robot, got r1 as well"):
-        one_robot("r1", "r2")

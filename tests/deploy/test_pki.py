@@ -1,6 +1,5 @@
 """Certificates are made, renewed and revoked as the files say, and every mistake is one sentence."""
 
-import json
 from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -9,14 +8,11 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from robrain.cli import all_commands
-from robrain.deploy.errors import PkiError, UsageError
+from robrain.deploy.errors import PkiError
 from robrain.deploy.pki.issuing import (
     MEMBERS_FILE,
     ZENOHD_FILE,
-    Endpoints,
     changing,
-    endpoints_of,
     folder_of,
     init,
     issue,
@@ -25,9 +21,9 @@ from robrain.deploy.pki.issuing import (
     renew_due,
     revoke,
 )
-from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, Identity, read_identity
-from robrain.protocol.access.member import Member, MemberRole, member
-from robrain.protocol.errors import BadName, WireError
+from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, read_identity
+from robrain.protocol.access.member import Member, member
+from robrain.protocol.errors import WireError
 
 NOW = datetime(2030, 1, 1, tzinfo=UTC)
 ROBOT, ROUTER = member("robot", "blue", "r1"), member("router", "blue", "site")
@@ -91,20 +87,6 @@ def test_all_certificates_that_soon_end_are_renewed_and_those_of_the_revoked_are
     assert {one.member for one in renew_due(pki, NOW + timedelta(days=40))} == {ROUTER, ROBOT, other}
 
 
-@pytest.mark.parametrize("words", [["robot"], ["--days", "3"], ["--team", "blue"]])
-def test_renewal_says_what_is_missing(pki: Path, words: list[str]) -> None:
-    with pytest.raises(UsageError, match="ROLE and NAME"):
-        all_commands()(["pki", "renew", "--pki", str(pki), *words], standalone_mode=False)
-
-
-def test_renewal_without_a_member_names_whom_it_has_renewed(pki: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    issue(pki, ROBOT, NOW - timedelta(days=4000))
-    issue(pki, ROUTER, datetime.now(UTC))
-    all_commands()(["pki", "renew", "--pki", str(pki)], standalone_mode=False)
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith(f"{folder_of(pki, ROBOT)}: robot:blue:r1 until 20")
-
-
 def test_revoked_member_is_in_no_rules_and_gets_no_other_certificate(pki: Path) -> None:
     issue(pki, ROUTER, NOW)
     issue(pki, ROBOT, NOW)
@@ -140,28 +122,6 @@ def test_certificate_ends_with_its_ca(pki: Path) -> None:
     assert certificate.not_valid_after_utc == issued.not_after
 
 
-def test_endpoints_that_were_changed_in_the_configuration_of_zenohd_stay(pki: Path) -> None:
-    issue(pki, ROUTER, NOW)
-    file = folder_of(pki, ROUTER) / ZENOHD_FILE
-    text = file.read_text().replace("tls/127.0.0.1:7447", "tls/0.0.0.0:7447")
-    file.write_text(text.replace('"connect": {\n  "endpoints": []', '"connect": {"endpoints": ["tls/10.0.0.6:7447"]'))
-    issue(pki, ROBOT, NOW)
-    assert endpoints_of(file) == Endpoints(("tls/0.0.0.0:7447",), ("tls/10.0.0.6:7447",))
-    assert ROBOT.common_name in file.read_text()
-    file.write_text("{")
-    assert endpoints_of(file) == Endpoints()
-
-
-def test_configuration_of_zenohd_denies_by_default_and_asks_for_certificates(pki: Path) -> None:
-    issue(pki, ROUTER, NOW)
-    lines = (folder_of(pki, ROUTER) / ZENOHD_FILE).read_text().splitlines()
-    settings = json.loads("\n".join(line for line in lines if not line.startswith("//")))
-    assert settings["access_control"]["default_permission"] == "deny"
-    assert settings["transport"]["link"]["tls"]["enable_mtls"]
-    assert settings["listen"]["endpoints"] == ["tls/127.0.0.1:7447"]
-    assert not settings["scouting"]["gossip"]["enabled"]
-
-
 @pytest.mark.parametrize(
     ("mistake", "says"),
     [
@@ -186,20 +146,6 @@ def test_mistake_is_one_sentence_that_names_the_file(pki: Path, mistake: object,
     with pytest.raises((PkiError, WireError), match=says) as caught:
         mistake(pki)  # type: ignore[operator]
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("role", "team", "name", "says"),
-    [
-        ("king", "blue", "r1", "bad role name 'king': expected one of router, coordinator, operator"),
-        ("robot", "blue", "r/1", "/ may not stand in a name"),
-        ("robot", "b" * 40, "r" * 40, "23 characters too long together"),
-        ("robot", "", "r1", "it is empty"),
-    ],
-)
-def test_name_that_no_certificate_can_have(role: str, team: str, name: str, says: str) -> None:
-    with pytest.raises(BadName, match=says):
-        member(role, team, name)
 
 
 def test_certificate_of_another_team_of_the_same_ca_has_a_folder_of_its_own(pki: Path) -> None:
@@ -252,10 +198,3 @@ def test_certificate_that_cannot_be_used_says_why(pki: Path, harm: object, days:
     with pytest.raises(WireError, match=says) as caught:
         read_identity(folder_of(pki, ROBOT), NOW + timedelta(days=days))
     assert "\n" not in str(caught.value)
-
-
-def test_settings_of_a_member_have_nothing_to_listen_with(pki: Path) -> None:
-    issue(pki, ROBOT, NOW)
-    identity: Identity = read_identity(folder_of(pki, ROBOT), NOW)
-    assert "listen_certificate" not in identity.settings()["transport/link/tls"]
-    assert MemberRole.ROUTER not in (identity.member.role,)

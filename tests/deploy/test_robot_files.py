@@ -3,13 +3,12 @@
 from contextlib import ExitStack
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from robrain import Scenario
 from robrain.agent.consensus.witness import Kept, Witness
 from robrain.agent.host.robot_file import read_robot_file
-from robrain.deploy.processes.agent_process import WitnessFile, witness_path
+from robrain.deploy.processes.agent_process import WitnessFile
 from robrain.deploy.processes.arena_process import loadable_from_here, open_lines, write_robot_files
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.robots.witness_messages import WitnessRefusal, WitnessRequest, WitnessWish
@@ -44,14 +43,6 @@ def test_on_loopback_the_folder_of_the_start_is_open(endpoint, tmp_path, monkeyp
 def test_the_whole_disk_is_never_open(monkeypatch):
     monkeypatch.chdir("/")
     assert loadable_from_here(["tcp/127.0.0.1:7447"]) == []
-
-
-def test_a_written_robot_file_opens_the_folders_that_it_was_given(tmp_path):
-    world = Scenario.builtin("arena_small").replace(robots=1).world()
-    (path,) = write_robot_files(world, tmp_path, team="t", connect="tcp/127.0.0.1:1", loadable=[tmp_path])
-    assert read_robot_file(path).robot.loadable == [str(tmp_path)]
-    (closed,) = write_robot_files(world, tmp_path, team="t", connect="tcp/127.0.0.1:1")
-    assert "loadable" not in msgspec.toml.decode(Path(closed).read_bytes())["robot"]
 
 
 def test_serial_lines_are_pseudo_terminals_that_the_robots_files_name(tmp_path):
@@ -99,18 +90,3 @@ def test_a_damaged_file_is_named_and_its_robot_elects_nobody(damaged: bytes, tmp
     asked = WitnessRequest(wish=WitnessWish.ELECT, election=9, journal="a", forced=True)
     assert Witness(WitnessFile(path), 0).answer(asked, 10**10).refusal is WitnessRefusal.UNWRITABLE
     assert path.read_bytes() == damaged
-
-
-def test_a_folder_that_cannot_be_made_is_no_vote(tmp_path: Path) -> None:
-    (tmp_path / "state").write_text("a file in the place of the folder")
-    witness = Witness(WitnessFile(tmp_path / "state" / "witness.json"), 0)
-    asked = WitnessRequest(wish=WitnessWish.ELECT, election=1, journal="a")
-    assert witness.answer(asked, 10**10).refusal is WitnessRefusal.UNWRITABLE
-
-
-def test_it_is_in_the_units_state_folder_else_in_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/robrain:/var/lib/other")
-    assert witness_path("blue", "r1") == Path("/var/lib/robrain/witness-blue-r1.json")
-    monkeypatch.delenv("STATE_DIRECTORY")
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert witness_path("blue", "r1") == tmp_path / "robrain" / "witness-blue-r1.json"

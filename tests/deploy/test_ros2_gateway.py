@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from robrain.client.halting import HaltReport
-from robrain.deploy.ros2 import gateway_process
-from robrain.deploy.ros2.gateway_process import TEXT_MAX, WAITING_MAX, Gateway, OrderOutcome, TeamOrders, halt, submit
+from robrain.deploy.ros2.gateway_process import TEXT_MAX, Gateway, OrderOutcome, TeamOrders, halt, submit
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import NobodyThere
-from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.robots import robot_messages
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN, Scan
@@ -31,7 +30,6 @@ from robrain.protocol.ros2.message_types import (
     MessageType,
     Nothing,
     ServiceType,
-    String,
     SubmitTaskResponse,
     TaskText,
     TriggerResponse,
@@ -42,7 +40,6 @@ from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 
 GEOMETRY = GridGeometry(width=8, height=6, resolution_m=0.05, origin_x_m=-1.0, origin_y_m=-2.0)
-BATTERY = BatteryState(voltage_v=12.0, current_a=1.5, temperature_c=20.0, soc=0.42, remaining_j=100.0)
 
 
 def wall_patch(row: int, column: int) -> MapPatch:
@@ -212,13 +209,6 @@ def test_a_robot_that_is_lost_is_shown_where_it_was_last_sure_until_it_knows_its
     assert bench.port.last("/tf").transforms[0].transform.translation.x == 2.0
 
 
-def test_a_battery_discharges_with_a_negative_current(bench):
-    bench.state(battery=BATTERY)
-    battery = bench.port.last("r1/battery")
-    assert (battery.current, battery.percentage, battery.power_supply_status) == (-1.5, pytest.approx(0.42), 2)
-    assert math.isnan(battery.capacity)
-
-
 def test_a_scan_is_in_its_robots_frame_and_no_return_is_infinite(bench):
     scan = Scan(robot="r1", angle_min_rad=-1.0, angle_increment_rad=0.5, range_max_m=8.0, ranges_mm=[1500, 0, 250])
     bench.say(ARENA_SCAN, scan, robot="r1")
@@ -255,13 +245,6 @@ def test_the_map_is_latched_and_that_of_map_server(bench):
     assert len(bench.port.topics["map"].messages) == 1  # nothing new
 
 
-def test_a_robot_that_was_there_before_is_asked_for_its_map(bench):
-    bench.wire.answer(ROBOT_MAP_WHOLE, lambda _: wall_patch(row=1, column=1), robot="r1")
-    bench.state()
-    bench.step()
-    assert bench.port.last("map").data.reshape(6, 8)[1, 1] == 100
-
-
 def test_robots_and_open_tasks_are_marked_and_ended_tasks_are_not(bench):
     task = Task(id="v", kind="visit", place=Point2D(3.0, 4.0))
     bench.state(pose=Pose2D(0, 0, 0), halted=True)
@@ -276,15 +259,6 @@ def test_robots_and_open_tasks_are_marked_and_ended_tasks_are_not(bench):
     assert [each for each in bench.port.last("markers").markers if each.ns == "tasks"] == []
     told = [json.loads(each.data)["state"] for each in bench.port.topics["task_events"].messages]
     assert told == ["queued", "done"]
-
-
-def test_so_many_open_tasks_are_marked(bench, monkeypatch):
-    monkeypatch.setattr(gateway_process, "TASKS_MAX", 2)
-    for number in range(3):
-        task = Task(id=f"v{number}", kind="visit", place=Point2D(number, 0.0))
-        bench.say(TASK_EVENT, TaskEvent(task=task, state=TaskState.QUEUED))
-    bench.step()
-    assert len([each for each in bench.port.last("markers").markers if each.ns == "tasks"]) == 2
 
 
 def test_a_name_that_ros_does_not_have_is_changed_and_two_never_share_one(bench):
@@ -302,14 +276,6 @@ def test_a_task_is_answered_once_the_team_has_answered(bench):
     future.set_result(OrderOutcome(True, "visit-1"))
     bench.step()
     assert asked.response == SubmitTaskResponse(True, "visit-1")
-
-
-def test_a_task_on_the_topic_is_answered_on_a_topic(bench):
-    bench.port.heard["submit_task"].waiting.append(String("{}"))
-    bench.step()
-    bench.orders.submitted[0][1].set_result(OrderOutcome(False, "no robot"))
-    bench.step()
-    assert json.loads(bench.port.last("task_answers").data) == {"accepted": False, "answer": "no robot"}
 
 
 def test_a_halt_does_not_wait_for_a_task(bench):
@@ -379,25 +345,3 @@ def test_a_halt_says_who_has_not_stopped():
     assert halt(team, "ros2") == (False, "r1: halted; r2: NOT halted: lost")
     team.report = HaltReport(halted=True, by="ros2", confirmed=("r1",), unconfirmed={})
     assert halt(team, "ros2") == (True, "r1: halted")
-
-
-@pytest.fixture
-def desks() -> Iterator[tuple[TeamOrders, KeptTeam, KeptTeam]]:
-    """Orders, and the teams that get tasks and halts."""
-    teams = [KeptTeam(), KeptTeam()]
-    made: Any = iter(teams)
-    orders = TeamOrders(lambda: next(made), "ros2")
-    yield orders, *teams
-    teams[0].may_answer.set()
-    orders.close()
-    assert [team.is_closed for team in teams] == [True, True]
-
-
-def test_orders_beyond_those_that_may_wait_are_refused_and_a_halt_waits_for_none(desks):
-    orders, tasks, _ = desks
-    tasks.may_answer.clear()
-    waiting = [orders.submit('{"kind": "visit"}') for _ in range(WAITING_MAX)]
-    assert orders.submit('{"kind": "visit"}').result(0) == (False, f"{WAITING_MAX} orders wait already")
-    assert orders.halt().result(60) == (False, "nobody is there")
-    tasks.may_answer.set()
-    assert all(future.result(60).accepted for future in waiting)

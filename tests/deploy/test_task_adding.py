@@ -66,8 +66,3 @@ def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):
         "r1: charges at (2.0, 1.5), 40% to 60%",
         f"r2: is to charge at (2.0, 1.5), 20% to 95%: {CHARGES[1].why}",
     ]
-
-
-def test_an_empty_schedule_of_the_chargers_is_said_to_be_empty(client):
-    client.charges = ()
-    assert run("charges").stdout == "no robot charges or is to charge\n"

@@ -11,7 +11,6 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from robrain.deploy.processes.metrics_process import COUNTERS, METRICS, TeamMetrics
 from robrain.protocol.clock import VirtualClock, to_ns
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
@@ -94,20 +93,6 @@ def test_what_the_coordinator_says_becomes_metrics_and_open_metrics_reads_them(w
     wanted = {TaskState.QUEUED: 1.0, TaskState.RUNNING: 1.0, TaskState.DONE: 1.0}
     assert tasks == dict.fromkeys(TaskState, 0.0) | wanted
     assert found[("robrain_messages_total", ("topic", "task_event"))] == 4.0
-
-
-def test_plugins_are_asked_for_and_a_robot_that_does_not_answer_holds_nobody_up(wire):
-    metrics = TeamMetrics(wire)
-    for robot in ("r1", "r2"):
-        wire.token(ROBOT_ALIVE, robot=robot)
-    info = PluginInfo(name="driver", level="unit", state="active", overruns=5, restarts=2)
-    wire.answer(ROBOT_PLUGINS, lambda _: [info], robot="r2")
-    metrics.update()
-    metrics.ask_plugins()
-    found = scrape(metrics)
-    labels = ("plugin", "driver"), ("robot", "r2")
-    assert found[("robrain_plugin_restarts_total", *labels)] == 2
-    assert found[("robrain_plugin_overruns_total", *labels)] == 5
 
 
 def test_grafana_dashboard_asks_for_metrics_that_there_are_and_for_all_of_them():

@@ -5,12 +5,10 @@ import re
 
 import jsonschema
 import pytest
-import zenoh
 from typer.testing import CliRunner
 
 from robrain.cli import all_commands
-from robrain.protocol.links.zenoh_link import publisher_options
-from robrain.protocol.table.topics import all_rows, all_topics
+from robrain.protocol.table.topics import all_rows
 
 
 def printed(wire_format):
@@ -63,27 +61,3 @@ def test_each_schema_is_one_and_refers_to_what_is_there(document):
     for told in document:
         for reference in references_in(told):
             assert resolve(told, reference) is not None
-
-
-def test_a_query_tells_request_reply_errors_and_how_long_to_wait(document):
-    (submit,) = (row for row in document["queries"] if row["name"] == "task_submit")
-    assert submit["request"] == {"$ref": "#/$defs/TaskSubmission"}
-    assert submit["reply"] == {"$ref": "#/$defs/TaskRecord"}
-    assert {"refused", "bad_arguments"} <= set(submit["errors"])
-    assert submit["timeout_s"] > 0
-    assert set(document["errors"]) >= {code for row in document["queries"] for code in row["errors"]}
-
-
-def test_the_schema_of_a_printed_message_takes_what_is_sent(document):
-    for row, topic in zip(document["topics"], all_topics(), strict=True):
-        assert row["max_bytes"] == topic.max_bytes
-        if topic.message is not None:
-            assert row["message"] == {"$ref": f"#/$defs/{topic.message.__name__}"}
-
-
-def test_a_row_says_how_zenoh_is_to_deliver_it(document):
-    for row, topic in zip(document["topics"], all_topics(), strict=True):
-        options = publisher_options(topic)
-        assert getattr(zenoh.Priority, row["priority"].upper()) == options["priority"]
-        assert getattr(zenoh.CongestionControl, row["congestion"].upper()) == options["congestion_control"]
-        assert bool(row["cache"]) is (row["delivery"] == "lossless")

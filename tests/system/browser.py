@@ -14,8 +14,6 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
-from tests.waiting import PATIENCE_S
-
 CHROMIUM = Path("/usr/bin/chromium")
 ARGUMENTS = (
     "--headless",
@@ -29,7 +27,8 @@ ARGUMENTS = (
     "--disable-sync",
 )
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
-WAIT_S = PATIENCE_S
+WAIT_S = 100.0
+"""Longest wait for a page."""
 MIDDLE_OF = """async (selector) => {
   const place = () => {
     const found = document.querySelector(selector);
@@ -155,11 +154,6 @@ def wait_for(read: Callable[[], T], is_good: Callable[[T], bool], what: str, tim
         assert time.monotonic() < end_s, f"{what} did not come; last: {value!r:.300}"
         time.sleep(0.05)
     return value
-
-
-def switch_layer(page: Page, label: str) -> None:
-    """Tick the box of a layer, or untick it; its tab is to be open."""
-    page.get_by_text(label, exact=True).first.locator("xpath=ancestor::div[.//input][1]//input").dispatch_event("click")
 
 
 def share_of(picture: np.ndarray, color: tuple[int, int, int], within: int = 20) -> float:

@@ -2,7 +2,7 @@
 
 `python -m tests.system.endurance --minutes 30` is what `make endurance` runs: `robrain up` with eight robots, a
 recorder and a page, a seeded flow of tasks, reloads of plugins, faults of hardware that pass, and a halt of the team
-now and then. Every five seconds it notes what each process takes; `endurance.csv` and `endurance.png` have all of it.
+now and then. Every five seconds it notes what each process takes; `endurance.csv` has all of it.
 """
 
 import argparse
@@ -241,38 +241,6 @@ def write_csv(samples: Sequence[Sample], path: Path) -> None:
         writer.writerows(samples)
 
 
-def draw_plot(samples: Sequence[Sample], path: Path) -> None:
-    """Memory, CPU, descriptors and threads of each process over time, in one picture."""
-    from robrain.lab.report.figure_style import figure_style, line_style, new_figure
-
-    with figure_style():
-        figure = new_figure(11.0, 8.0)
-        axes = figure.subplots(2, 2, sharex=True).ravel()
-        titles = ("Resident memory, MiB", "CPU, cores (mean of a minute)", "Open descriptors", "Threads")
-        for index, (name, own) in enumerate(by_process(samples).items()):
-            minutes = [one.time_s / 60.0 for one in own]
-            memory_mb, descriptors, threads = zip(*(one[3:6] for one in own), strict=True)
-            for one, values in zip(axes, (memory_mb, _cpu(own), descriptors, threads), strict=True):
-                one.plot(minutes, values, label=name, **line_style(index))
-        for one, title in zip(axes, titles, strict=True):
-            one.set_title(title)
-            one.set_ylim(bottom=0)
-        for one in axes[2:]:
-            one.set_xlabel("minutes")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside right center")
-        figure.savefig(path)
-
-
-def _cpu(own: Sequence[Sample], over_s: float = 60.0) -> list[float]:
-    shares = []
-    for index, one in enumerate(own):
-        before = next(other for other in own[: index + 1] if one.time_s - other.time_s <= over_s)
-        span_s = one.time_s - before.time_s
-        shares.append((one.cpu_s - before.cpu_s) / span_s if span_s else float("nan"))
-    return shares
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0)
@@ -283,7 +251,6 @@ def main() -> int:
     given.folder.mkdir(parents=True, exist_ok=True)
     endured = endure(given.folder.resolve(), given.minutes, robots=given.robots, seed=given.seed)
     write_csv(endured.samples, given.folder / "endurance.csv")
-    draw_plot(endured.samples, given.folder / "endurance.png")
     wrong = verdict(endured)
     memory_mb = {
         name: [own[place].memory_mb for place in (0, len(own) // 3, -1)]

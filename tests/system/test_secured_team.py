@@ -1,12 +1,10 @@
 """Members of a secured team start, are renewed and revoked while it runs, and say what keeps them out."""
 
-import os
-import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -16,21 +14,18 @@ from typer.main import get_command
 
 from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.cli import all_commands
-from robrain.deploy.errors import PkiError
 from robrain.deploy.pki.issuing import folder_of, init, issue, renew, revoke
 from robrain.deploy.pki.router import SecuredRouter
-from robrain.deploy.processes.live_process import check_certificate, check_rights, warn_of_listening
-from robrain.protocol.access import rules
-from robrain.protocol.access.identity import KEY, TLS_VARIABLE, read_identity
+from robrain.deploy.processes.live_process import check_certificate, check_rights
+from robrain.protocol.access.identity import TLS_VARIABLE, read_identity
 from robrain.protocol.access.member import Member, MemberRole, member
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import NobodyThere, WireError
-from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG, ROBOT_LOG_KEPT
-from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, COORDINATOR_WHO, HALT
+from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_LOG_KEPT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.hub import CONNECT_VARIABLE, wrong_team
+from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from robrain.protocol.wire.session import listening_at, open_session
-from robrain.recording.reader.reading import read_messages
 from tests.system.conftest import Commands
 from tests.system.routers import start_router
 from tests.waiting import PATIENCE_S, until
@@ -177,12 +172,6 @@ def test_new_and_revoked_members_are_heeded_without_a_restart_of_anybody(pki: Pa
     _close(hq, ann, new)
 
 
-def test_router_goes_on_with_what_it_has_when_its_files_are_no_good(pki: Path, router: SecuredRouter) -> None:
-    (folder_of(pki, ROUTER) / "members.json").write_text("{")
-    assert "members.json" in router.update()
-    _close(_wire(pki, router, ANN))
-
-
 def test_member_that_the_router_does_not_know_is_told_so(pki: Path, router: SecuredRouter) -> None:
     revoke(pki, ROBOT)
     router.update()
@@ -193,40 +182,6 @@ def test_member_that_the_router_does_not_know_is_told_so(pki: Path, router: Secu
     ):
         check_rights("agent", pytest.fail, robot.session, [router.endpoint], identity)
     _close(robot)
-
-
-@pytest.mark.slow
-def test_revoked_operator_is_told_that_the_certificate_is_revoked(pki: Path, router: SecuredRouter) -> None:
-    ann = _wire(pki, router, ANN)
-    assert "revoked" not in str(wrong_team("nobody is there", ann))
-    revoke(pki, ANN)
-    router.update()
-    again = _wire(pki, router, ANN)
-    says = "lets operator:ann do nothing: the certificate is revoked, or the router's members.json is older than it"
-    assert says in str(wrong_team("nobody is there", again))
-    _close(ann, again)
-
-
-def test_rules_that_lack_a_row_are_told_and_do_not_keep_a_robot_out(
-    pki: Path, router: SecuredRouter, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rows = tuple(row for row in rules.ruled_rows() if row is not ROBOT_LOG)
-    monkeypatch.setattr(rules, "ruled_rows", lambda: rows)
-    issue(pki, member("robot", TEAM, "r2"), datetime.now(UTC))
-    router.update()
-    robot, said = _wire(pki, router, ROBOT), []
-    check_rights("agent", said.append, robot.session, [router.endpoint], read_identity(folder_of(pki, ROBOT)))
-    assert "does not let robot:blue:r1 publish: its rules are not those of this version" in said[0]
-    _close(robot)
-
-
-@pytest.mark.parametrize("who", [ROBOT, HQ], ids=str)
-def test_member_with_its_rights_is_told_nothing(pki: Path, router: SecuredRouter, who: Member) -> None:
-    wire = _wire(pki, router, who)
-    check_rights("agent", pytest.fail, wire.session, [router.endpoint], read_identity(folder_of(pki, who)))
-    with pytest.raises(NobodyThere):  # the trial leaves nothing behind
-        wire.ask(COORDINATOR_WHO)
-    _close(wire)
 
 
 @pytest.mark.parametrize(
@@ -242,39 +197,6 @@ def test_certificate_of_another_name_is_refused(
 ) -> None:
     with pytest.raises(WireError, match=says):
         check_certificate("agent", pytest.fail, ["tls/127.0.0.1:1"], team, role, name)
-
-
-def test_certificate_that_soon_ends_is_told(pki: Path, as_robot: None) -> None:
-    renew(pki, ROBOT, datetime.now(UTC) - timedelta(days=6))
-    said: list[str] = []
-    assert check_certificate("agent", said.append, ["tls/127.0.0.1:1"], TEAM, MemberRole.ROBOT, "r1") is not None
-    assert "agent: the certificate of robot:r1 ends in 24 hours" in said[0]
-
-
-@pytest.mark.parametrize("mode", ["router", "peer"])
-def test_router_without_rules_is_refused_whatever_its_certificate(
-    pki: Path, monkeypatch: pytest.MonkeyPatch, mode: str
-) -> None:
-    monkeypatch.setenv(TLS_VARIABLE, str(folder_of(pki, ROUTER)))
-    with pytest.raises(WireError, match="only `robrain router` listens on tls/"):
-        open_session(mode=mode, listen=["tls/127.0.0.1:0"])
-
-
-def test_endpoint_of_another_team_is_refused(pki: Path, router: SecuredRouter) -> None:
-    session = open_session(connect=[router.endpoint], identity=read_identity(folder_of(pki, ANN)))
-    with pytest.raises(WireError, match="the certificate of operator:ann is of team blue, not of team green"):
-        Endpoint(session, "green", LiveClock(), Drive.LIVE)
-    session.close()  # type: ignore[no-untyped-call]
-
-
-@pytest.mark.parametrize(
-    ("endpoint", "warns"),
-    [("tcp/0.0.0.0:7447", True), ("tcp/10.0.0.5:0", True), ("tcp/127.0.0.1:0", False), ("tls/0.0.0.0:7447", False)],
-)
-def test_listening_beyond_this_machine_without_certificates_is_warned_of(endpoint: str, warns: bool) -> None:
-    said: list[str] = []
-    warn_of_listening("hub", [endpoint], said.append)
-    assert bool(said) == warns
 
 
 class BlueTeam:
@@ -360,27 +282,6 @@ def test_every_command_that_connects_is_tried_in_a_secured_team() -> None:
     ]
 
 
-@pytest.mark.slow
-def test_recording_names_the_operator_who_halted(blue: BlueTeam) -> None:
-    for words in ("halt --reason test", "resume"):
-        assert blue.ask("operator ann", *words.split())[0] == 0
-    blue.recorder.send_signal(signal.SIGINT)
-    blue.recorder.wait(PATIENCE_S)
-    found = [each.payload for each in read_messages(blue.pki.parent / "run.mcap") if each.topic_key == HALT.key(TEAM)]
-    halts = [HALT.payloads.read(payload) for payload in found]
-    assert {(halt.by, halt.halted) for halt in halts} == {("operator:ann", True), ("operator:ann", False)}
-
-
-def test_agent_says_what_is_wrong_with_its_certificate_and_ends(commands: Commands, pki: Path) -> None:
-    folder = commands.folder
-    shutil.copytree(folder_of(pki, ROBOT), folder / "copy")
-    os.chmod(folder / "copy" / KEY, 0o644)
-    (folder / "r1.toml").write_text(
-        '[robot]\nname = "r1"\nteam = "blue"\n[zenoh]\nconnect = ["tls/127.0.0.1:1"]\n[zenoh.tls]\nfolder = "copy"\n'
-    )
-    assert "key.pem: expected mode 0600, got 0644" in commands.refused("agent", "r1.toml")
-
-
 def test_configuration_for_zenohd_makes_a_router_of_the_same_rules(pki: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Read by Zenoh's own parser, and run by it in the router's folder, as `zenohd -c` does."""
     monkeypatch.chdir(folder_of(pki, ROUTER))
@@ -418,21 +319,3 @@ def test_plugin_in_a_process_of_its_own_connects_with_its_robots_certificate(
     logged = [(record.source, record.text) for record in ann.ask(ROBOT_LOG_KEPT, robot="r1")]
     assert ("tool", "measured") in logged
     _close(ann)
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--tls", "nowhere", "halt", "--connect", "tls/127.0.0.1:1"), "nowhere/ca.pem: no such file"),
-        (("halt", "--connect", "tls/127.0.0.1:1"), "asks for a certificate: give `robrain --tls FOLDER"),
-    ],
-)
-def test_mistake_at_the_command_line_is_one_sentence(commands: Commands, words: tuple[str, ...], says: str) -> None:
-    assert says in commands.refused(*words)
-
-
-def test_certificate_that_is_no_routers_makes_no_router(pki: Path) -> None:
-    with pytest.raises(PkiError, match="expected the certificate of a router, got operator:ann's"):
-        SecuredRouter(folder_of(pki, ANN))
-    with pytest.raises(PkiError, match="expected tls/HOST:PORT"):
-        SecuredRouter(folder_of(pki, ROUTER), "tcp/127.0.0.1:0")

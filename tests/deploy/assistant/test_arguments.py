@@ -70,26 +70,12 @@ def test_arguments_out_of_bounds_are_refused_and_named(given: Any, type_: type[A
     assert len(str(caught.value)) < 500
 
 
-def test_a_circle_is_refused() -> None:
-    circle: dict[str, Any] = {}
-    circle["a"] = circle
-    with pytest.raises(CallRefused, match="not valid"):
-        arguments_of(circle, Arguments)
-
-
 @pytest.mark.parametrize("name", ["id", "kind", "priority", "robots", "deadline_ns", "deadline_in_s", "after", "place"])
 def test_a_field_of_every_task_cannot_be_given_among_the_parameters(name: str) -> None:
     asked = arguments_of({**VISIT, "parameters": {name: 5}}, SubmitTask)
     with pytest.raises(CallRefused, match=f"{name} is a field of every task") as caught:
         _ = asked.fields
     assert caught.value.ban is Ban.BAD_ARGUMENTS
-
-
-def test_a_task_has_the_fields_of_the_messages() -> None:
-    given = {**VISIT, "deadline_in_s": 60, "robots": 2, "needs": ["camera"], "parameters": {"views": 3}}
-    assert arguments_of(given, SubmitTask).fields == {
-        "place": [1.0, 2.0], "priority": 1.0, "deadline_in_s": 60.0, "robots": 2, "needs": ["camera"], "views": 3,
-    }  # fmt: skip
 
 
 def test_an_order_is_the_same_with_and_without_its_token_and_another_with_any_other_argument() -> None:

@@ -3,7 +3,6 @@
 import io
 import itertools
 import json
-import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,17 +16,15 @@ from PIL import Image
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.client.team import Team
-from robrain.deploy.assistant import assistant, audit_log, team_reader
-from robrain.deploy.assistant.arguments import ANSWER_MAX, CallVerdict, ToolAnswer, answer, harmless
+from robrain.deploy.assistant import assistant, audit_log
+from robrain.deploy.assistant.arguments import CallVerdict, ToolAnswer
 from robrain.deploy.assistant.assistant import Assistant, Confirmations, ToolCall
-from robrain.deploy.assistant.audit_log import ARGUMENTS_MAX, AuditLog, AuditRecord
+from robrain.deploy.assistant.audit_log import AuditLog, AuditRecord
 from robrain.deploy.assistant.policy import OPEN_TASKS_MAX, AuditError, Ban, Order
 from robrain.deploy.assistant.team_reader import MARGIN_M, SIDE_PX, map_png
 from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model import grid_geometry
-from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.drawn_map import ComposedMap
@@ -201,14 +198,6 @@ def test_an_assistant_has_a_bounded_number_of_open_tasks(desk: Desk, team: Team)
     assert desk.call("submit_task", VISIT).verdict is CallVerdict.REHEARSED
 
 
-def test_what_the_team_would_refuse_gets_no_token(desk: Desk) -> None:
-    for arguments in ({**VISIT, "needs": ["arm"]}, {**VISIT, "x_m": 5000.0}, {**VISIT, "parameters": {"hop": 1}}):
-        found = desk.call("submit_task", arguments)
-        assert found.verdict is CallVerdict.REFUSED
-        assert "confirm" not in found.values
-    assert desk.call("dry_run", {**VISIT, "needs": ["arm"]}).verdict is CallVerdict.REFUSED
-
-
 def test_a_call_is_rehearsed_with_its_signature_and_carried_out_with_its_arguments(desk: Desk) -> None:
     asked = {"robot": "r1", "plugin": "energy", "function": "estimate", "arguments": {"work": {"path_m": 10.0}}}
     rehearsed = desk.call("call_plugin", asked)
@@ -234,19 +223,6 @@ def test_an_order_whose_answer_is_lost_is_said_to_be_unsure(desk: Desk, monkeypa
     assert "it may have been done" in found.words
 
 
-def test_a_look_that_is_not_answered_is_refused_and_not_called_unsure(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def late() -> None:
-        raise CallError(ErrorCode.TIMEOUT, "no answer in time")
-
-    monkeypatch.setattr(desk.team, "kinds", late)
-    found = desk.call("list_kinds", {})
-    assert (found.verdict, found.code) == (CallVerdict.REFUSED, Ban.TEAM)
-    found = desk.call("dry_run", {**VISIT, "kind": "relay"})
-    assert (found.verdict, found.code) == (CallVerdict.REFUSED, Ban.BAD_ARGUMENTS)
-
-
 @pytest.mark.parametrize(
     "arguments",
     [{}, None, [], {"robot": "r1 and r2"}, {"robot": 7, "reason": "x" * 10_000}, {"reason": "a\nline"}, {"now": True}],
@@ -269,35 +245,6 @@ def test_a_halt_waits_neither_for_other_calls_nor_for_the_log(
     team.resume()
 
 
-def test_a_mistake_in_the_code_is_logged_before_it_is_raised(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken() -> None:
-        raise ZeroDivisionError("oops")
-
-    monkeypatch.setattr(desk.team, "kinds", broken)
-    with pytest.raises(ZeroDivisionError):
-        desk.call("list_kinds", {})
-    assert desk.lines()[-1]["verdict"] == "failed"
-
-
-def test_a_map_is_drawn_of_what_has_come_when_the_time_is_over(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(team_reader, "MAP_BUDGET_S", -1.0)
-    found = desk.call("show_map", {})
-    assert found.png.startswith(b"\x89PNG")
-    assert "r1 does not send its map" in found.words
-    assert "r1 at (" not in found.words
-
-
-def test_text_of_the_team_is_cut_and_cannot_steer_a_terminal() -> None:
-    found = answer(CallVerdict.READ, ["red \x1b[31m", "x" * 100_000], {"why": "a\u202eb", "many": ["y" * 300] * 10_000})
-    assert "\x1b" not in found.words
-    assert len(found.words) == ANSWER_MAX
-    assert found.values == {"why": "a\\u202eb", "verdict": "looked"}
-    deep: Any = []
-    for _ in range(100):
-        deep = [deep]
-    assert json.dumps(harmless(deep)).count("[") < 10
-
-
 class Clock:
     now_s = 0.0
 
@@ -316,12 +263,6 @@ def orders(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Confirmations:
     monkeypatch.setattr(assistant, "LIFE_S", 10.0)
     monkeypatch.setattr(assistant, "CAPACITY", 3)
     return Confirmations(clock, lambda: f"token-{next(numbers)}")
-
-
-def test_a_token_has_its_order_carried_out_once(orders: Confirmations) -> None:
-    token = orders.keep("scripted", b"order", "plan")
-    assert orders.redeem(token, "scripted", b"order") == "plan"
-    assert orders.redeem(token, "scripted", b"order") is Ban.NO_TOKEN
 
 
 @pytest.mark.parametrize(("who", "order"), [("scripted", b"another"), ("another", b"order"), ("", b"")])
@@ -348,14 +289,6 @@ def test_of_too_many_orders_the_oldest_is_dropped_and_counted(orders: Confirmati
     assert orders.redeem(tokens[2], "scripted", b"order") == "plan-2"
 
 
-def test_expired_orders_make_room_without_being_counted_as_dropped(orders: Confirmations, clock: Clock) -> None:
-    for number in range(3):
-        orders.keep("scripted", b"order", f"plan-{number}")
-    clock.now_s = 20.0
-    orders.keep("scripted", b"order", "new")
-    assert (len(orders), orders.dropped) == (1, 0)
-
-
 RECORD = AuditRecord(
     stamp="2026-01-01T00:00:00.000+00:00", call=1, by="assistant:ann", client="scripted 1.0", tool="halt",
     arguments="{}", verdict="done",
@@ -364,33 +297,6 @@ RECORD = AuditRecord(
 
 def numbers(path: Path) -> list[int]:
     return [json.loads(line)["call"] for line in path.read_text().splitlines()]
-
-
-def test_each_record_is_a_line_of_json_that_only_the_owner_may_read(tmp_path: Path) -> None:
-    log = AuditLog(tmp_path / "deep" / "log.jsonl")
-    log.write(RECORD)
-    log.write(msgspec.structs.replace(RECORD, call=2, words="two\nlines"))
-    log.close()
-    assert numbers(log.path) == [1, 2]
-    assert log.path.stat().st_mode & 0o777 == 0o600
-    assert json.loads(log.path.read_text().splitlines()[0])["by"] == "assistant:ann"
-
-
-def test_a_log_is_continued_by_the_next_process(tmp_path: Path) -> None:
-    for call in (1, 2):
-        log = AuditLog(tmp_path / "log.jsonl")
-        log.write(msgspec.structs.replace(RECORD, call=call))
-        log.close()
-    assert numbers(tmp_path / "log.jsonl") == [1, 2]
-
-
-def test_long_arguments_are_cut(tmp_path: Path) -> None:
-    log = AuditLog(tmp_path / "log.jsonl")
-    log.write(msgspec.structs.replace(RECORD, arguments="x" * 100_000, tool="y" * 100_000, client="z" * 100_000))
-    log.close()
-    found = json.loads(log.path.read_text())
-    assert len(found["arguments"]) == ARGUMENTS_MAX
-    assert log.path.stat().st_size < 2 * ARGUMENTS_MAX
 
 
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_is_gone(
@@ -457,11 +363,3 @@ def test_floor_walls_and_unknown_lie_where_they_are_in_the_arena(floor: Composed
     assert pixel(png, 12.53, 3.53, bounds) == UNKNOWN
     with Image.open(io.BytesIO(png)) as image:
         assert max(image.size) == pytest.approx(min(SIDE_PX, 60 * (WIDTH_M + 2 * MARGIN_M)), abs=1)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
-def test_places_that_are_none_do_not_spoil_the_picture(bad: float) -> None:
-    far = RobotState(robot="r\u00e4\u2603" * 100, pose=Pose2D(bad, 0.0, 0.0), radius_m=1e9)
-    near = RobotState(robot="r2", pose=Pose2D(1.0, 1.0, 0.0), radius_m=0.2)
-    with Image.open(io.BytesIO(map_png(ComposedMap(), [near, far], []))) as image:
-        assert max(image.size) <= SIDE_PX + 1

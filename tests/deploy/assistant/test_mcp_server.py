@@ -88,15 +88,6 @@ def test_tools_are_told_with_their_schemas_and_what_they_may_do(fake: FakeAssist
     run(fake, script)
 
 
-def test_tools_that_the_certificate_does_not_allow_are_not_told(fake: FakeAssistant) -> None:
-    fake.hidden = "halt"
-
-    async def script(client: Client) -> None:
-        assert {tool.name for tool in (await client.list_tools()).tools} == {"look", "submit_task"}
-
-    run(fake, script)
-
-
 @pytest.mark.parametrize("mode", ["legacy", "auto"])
 def test_the_client_is_known_by_the_name_that_it_gives_of_itself(fake: FakeAssistant, mode: str) -> None:
     async def script(client: Client) -> None:
@@ -104,16 +95,6 @@ def test_the_client_is_known_by_the_name_that_it_gives_of_itself(fake: FakeAssis
 
     run(fake, script, mode)
     assert fake.calls == [ToolCall("scri\\npted 1.0", "look", {"task": "t"})]
-
-
-def test_a_refusal_is_an_error_and_a_picture_is_a_png(fake: FakeAssistant) -> None:
-    async def script(client: Client) -> None:
-        assert (await client.call_tool("bad", {})).is_error
-        found = await client.call_tool("picture", {})
-        assert not found.is_error
-        assert [one.type for one in found.content] == ["text", "image"]
-
-    run(fake, script)
 
 
 def test_too_many_calls_at_a_time_are_refused_and_a_halt_is_not_among_them(fake: FakeAssistant) -> None:

@@ -5,18 +5,14 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.agent.lifecycle.external_function import external_functions
-from robrain.client.team import Team
 from robrain.deploy.assistant.policy import (
     HOST_NAMES,
     MOVERS,
     Ban,
-    Order,
     call_refusal,
     cancel_refusal,
-    order_refusal,
 )
 from robrain.plugins.unit.driver.driver import Driver
-from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -66,11 +62,6 @@ def test_a_new_function_of_a_plugin_that_could_move_the_robot_is_forbidden_until
     assert call_refusal("lamp", "switch", plugins) is None
 
 
-def test_plugins_that_require_each_other_in_a_circle_are_looked_at_once() -> None:
-    plugins = [plugin("a", "f", requires=("b",)), plugin("b", requires=("a",))]
-    assert call_refusal("a", "f", plugins) is None
-
-
 def test_a_plugin_that_is_closed_absent_or_without_the_function_is_not_called() -> None:
     plugins = [plugin("lamp", "switch", visibility=("*",)), plugin("horn", "blow")]
     assert call_refusal("lamp", "switch", plugins) is Ban.NOT_OPEN
@@ -98,39 +89,3 @@ def test_only_own_tasks_that_have_not_ended_are_cancelled() -> None:
     assert cancel_refusal(of_team, "assistant:ann") is Ban.NOT_YOURS
     done = TaskRecord(task=TASK, state=TaskState.DONE, by="assistant:ann")
     assert cancel_refusal(done, "assistant:ann") is Ban.HAS_ENDED
-
-
-@pytest.mark.parametrize(
-    ("role", "may"),
-    [
-        (MemberRole.VIEWER, set()),
-        (MemberRole.RECORDER, set()),
-        (MemberRole.ROBOT, set()),
-        (MemberRole.DASHBOARD, {Order.SUBMIT, Order.CANCEL, Order.HALT}),
-        (MemberRole.OPERATOR, set(Order)),
-    ],
-)
-def test_a_certificate_allows_the_orders_of_its_role(role: MemberRole, may: set[Order]) -> None:
-    member = Member(role, "blue", "desk")
-    assert {order for order in Order if order_refusal(order, member) is None} == may
-
-
-def test_without_certificates_all_orders_are_allowed() -> None:
-    assert all(order_refusal(order, None) is None for order in Order)
-
-
-def test_team_has_no_way_that_an_assistant_could_offer_by_mistake() -> None:
-    """The dangerous methods of a client are called nowhere in the assistant's code."""
-    import ast
-    from pathlib import Path
-
-    import robrain.deploy.assistant.policy as policy
-
-    dangerous = {"resume", "load", "unload", "reload", "lead", "hold", "release", "hand", "command", "set_objective"}
-    assert dangerous - {"hand"} <= set(dir(Team))
-    for file in Path(policy.__file__).parent.glob("*.py"):
-        nodes = list(ast.walk(ast.parse(file.read_text())))
-        decorators = [one for node in nodes if isinstance(node, ast.FunctionDef) for one in node.decorator_list]
-        called = {node.func.attr for node in nodes if node not in decorators
-                  and isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)}  # fmt: skip
-        assert not called & dangerous, file

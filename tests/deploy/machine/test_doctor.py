@@ -5,26 +5,21 @@ import os
 import socket
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
-from threading import Event, Thread
-from types import SimpleNamespace
 
 import pytest
 import zenoh
 
 from robrain.agent.errors import PackageMissing
-from robrain.deploy.errors import UsageError
 from robrain.deploy.machine import doctor, team_checks
 from robrain.deploy.machine.team_checks import CheckName
 from robrain.deploy.pki.issuing import folder_of, init, issue
 from robrain.deploy.processes.name_claim import claim_robot
-from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.access.member import Member, member
-from robrain.protocol.clock import NS_PER_S, LiveClock
+from robrain.protocol.clock import LiveClock
 from robrain.protocol.extras import MissingPackage
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_WHO, ProcessInfo
-from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
 from robrain.sim.firmware.line_plug import SerialPlug
@@ -39,7 +34,6 @@ load = ["mocdevice"]
 interface = "socketcan"
 channel = "can7"
 """
-PORT = '[robot]\nname = "r1"\nload = ["tcp_socket"]\n[parameters.tcp_socket]\nenabled = true\nport = {}\n'
 
 
 @pytest.fixture(scope="module")
@@ -81,12 +75,6 @@ def wrong(check: team_checks.Check, name: CheckName, *parts: str) -> None:
     assert check.remedy
     for part in parts:
         assert part in check.sentence
-
-
-def failed(checks: list[team_checks.Check]) -> team_checks.Check:
-    """The only one that is wrong."""
-    [found] = [check for check in checks if check.ok is False]
-    return found
 
 
 def test_router_that_answers(endpoints) -> None:
@@ -140,38 +128,6 @@ def test_clock_that_agrees_though_one_message_was_late() -> None:
     assert team_checks.check_clock([]).ok is None
 
 
-@pytest.mark.parametrize("ahead_s", [0.0, 60.0])
-def test_stamps_of_the_coordinator_are_heard_even_from_the_future(hub, endpoints, ahead_s: float) -> None:
-    clock = SimpleNamespace(now_ns=lambda: LiveClock().now_ns() + round(ahead_s * NS_PER_S))
-    wire = Endpoint(hub, "clocks", clock, Drive.LIVE)
-    with closing(wire), closing(open_session(connect=endpoints)) as session:
-        states = wire.publisher(COORDINATOR_STATE)
-        ended = Event()
-
-        def say() -> None:
-            while not ended.wait(0.02):
-                states.put(TeamState(robots=[]))
-
-        speaker = Thread(target=say)
-        speaker.start()
-        try:
-            found = team_checks.stamp_skews_s(session, "clocks")
-        finally:
-            ended.set()
-            speaker.join()
-    assert max(found) == pytest.approx(ahead_s, abs=5.0)
-    assert len(found) == 3
-
-
-def test_versions_that_differ_or_are_not_told() -> None:
-    here, there = ProcessInfo("a", 1, "z", "1.2.0"), ProcessInfo("b", 2, "y", "1.1.0")
-    assert team_checks.check_versions("1.2.0", {"r1": here}).ok
-    assert team_checks.check_versions("1.2.0", {}).ok is None
-    old = ProcessInfo("c", 3, "x")
-    said = team_checks.check_versions("1.2.0", {"r1": here, "r2": there, "r3": old})
-    wrong(said, CheckName.VERSION, "this machine has robrain 1.2.0; r2 has 1.1.0, r3 has an older one")
-
-
 def test_robots_say_who_they_are_and_which_version_they_have(hub, endpoints) -> None:
     with closing(open_session(connect=endpoints)) as session, claim_robot(session, TEAM, "r5") as claim:
         assert claim.acquire(lambda _: None, lambda: False)
@@ -205,34 +161,9 @@ def test_name_that_another_machine_has_and_the_robots_own(tmp_path) -> None:
     )
 
 
-@pytest.mark.slow
-def test_port_that_is_taken(taken) -> None:
-    endpoint = f"tcp/127.0.0.1:{taken}"
-    wrong(
-        doctor.check_port("the hub", endpoint),
-        CheckName.PORT,
-        f"the hub cannot listen at {endpoint}: the port is taken",
-    )
-
-
 def test_port_that_is_free_or_has_the_router_itself(free, endpoints) -> None:
     assert doctor.check_port("the hub", f"tcp/127.0.0.1:{free}").ok
     assert doctor.check_port("the hub", endpoints[0]).sentence == f"the hub is at {endpoints[0]} already"
-
-
-@pytest.mark.slow
-def test_port_of_a_robots_plugin_that_is_taken(tmp_path, taken) -> None:
-    [said] = doctor.check_robot_ports(robot(tmp_path, PORT.format(taken)))
-    wrong(said, CheckName.PORT, "tcp_socket cannot listen at")
-
-
-def test_address_of_this_machine_and_of_another() -> None:
-    assert doctor.check_address("base", "127.0.0.1").ok
-    wrong(
-        doctor.check_address("base", "192.0.2.77"),
-        CheckName.ADDRESS,
-        "does not have the address 192.0.2.77 of host base",
-    )
 
 
 def test_can_interface_that_is_absent_down_or_up(tmp_path) -> None:
@@ -274,15 +205,6 @@ def test_robot_file_that_is_wrong(tmp_path, text: str, said: str) -> None:
     found, check = doctor.check_robot_file(path)
     assert found is None
     wrong(check, CheckName.FILE, said)
-
-
-def test_file_that_does_not_say_the_map(tmp_path) -> None:
-    said = doctor.check_grid(robot(tmp_path, '[robot]\nname = "r1"\n'))
-    assert (said.name, said.ok) == (CheckName.MAP, None)
-    grid = "resolution_m = 0.1\norigin_x_m = 0.0\norigin_y_m = 0.0\nwidth_m = 9.0\nheight_m = 5.0\n"
-    said = doctor.check_grid(robot(tmp_path, f'[robot]\nname = "r1"\n[parameters.mapper]\n{grid}'))
-    assert said.sentence == "the robot maps 9 × 5 m from (0, 0)"
-    assert doctor.check_grid(robot(tmp_path, CAN)).ok
 
 
 @pytest.mark.parametrize(
@@ -344,71 +266,10 @@ def test_robot_that_may_join_is_told_so(capsys, endpoints, robot_file, monkeypat
     assert all(check["ok"] is not False for check in told)
 
 
-@pytest.mark.slow
-def test_robot_whose_router_is_away_is_told_in_words(capsys, free, robot_file) -> None:
-    assert not doctor.doctor_command(robot_file, None, f"tcp/127.0.0.1:{free}", None, as_json=False)
-    said = capsys.readouterr().out
-    assert f"WRONG   router: nobody listens at tcp/127.0.0.1:{free}\n          start `robrain up`" in said
-    assert "ok      file: " in said
-
-
 def test_machine_that_may_start_its_parts(tmp_path, free) -> None:
     checks = doctor.examine_host(team_file(tmp_path, free), None)
     assert [check.name for check in checks] == ["file", "address", "map", "port"]
     assert all(check.ok for check in checks)
-
-
-def test_map_that_is_missing(tmp_path, free) -> None:
-    (tmp_path / "mine.toml").write_text('[scenario]\nname = "mine"\n[map]\nfile = "gone.yaml"\n')
-    wrong(failed(doctor.examine_host(team_file(tmp_path, free, "mine.toml"), None)), CheckName.MAP, "gone.yaml")
-
-
-def test_robot_that_the_scenario_does_not_have(tmp_path, free) -> None:
-    found = failed(doctor.examine_host(team_file(tmp_path, free, parts='"r99"'), None))
-    wrong(found, CheckName.FILE, "the scenario arena_small has no robot r99; it has r1")
-
-
-def test_scenario_without_the_simulator_names_the_extra(tmp_path, free, monkeypatch) -> None:
-    def refuse(*_: object) -> None:
-        raise ModuleNotFoundError("No module named 'pymunk'", name="pymunk")
-
-    monkeypatch.setattr("robrain.deploy.command_line.scenario_choice.choose_scenario", refuse)
-    found = failed(doctor.examine_host(team_file(tmp_path, free), None))
-    assert (found.name, found.remedy) == (CheckName.EXTRA, "pip install 'robrain[sim]'")
-
-
-@pytest.mark.slow
-def test_hub_whose_port_another_program_has(tmp_path, taken) -> None:
-    assert failed(doctor.examine_host(team_file(tmp_path, taken), None)).name is CheckName.PORT
-
-
-def test_wrong_team_file_is_one_check(tmp_path) -> None:
-    path = tmp_path / "team.toml"
-    path.write_text('[[hosts]]\nname = "a"\n')
-    [found] = doctor.examine_host(path, None)
-    wrong(found, CheckName.FILE)
-
-
-def test_router_that_goes_while_it_is_looked_at_is_told(endpoints, monkeypatch) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise doctor.UsageError("gone")
-
-    monkeypatch.setattr(doctor, "check_key_space", refuse)
-    checks = doctor.examine_team(doctor.JoinRequest(endpoints, "default", ["r1"]))
-    assert (checks[-1].name, checks[-1].ok, checks[-1].sentence) == (CheckName.ROUTER, False, "gone")
-
-
-def test_robot_that_is_its_own_router_needs_no_other(tmp_path, free) -> None:
-    path = tmp_path / "r1.toml"
-    path.write_text(f'{ROBOT}[zenoh]\nlisten = ["tcp/127.0.0.1:{free}"]\n')
-    assert CheckName.ROUTER not in [check.name for check in doctor.examine_robot(path, None, None)]
-
-
-def test_options_that_do_not_fit_the_file(tmp_path, robot_file, free) -> None:
-    with pytest.raises(UsageError, match="expected a team file"):
-        doctor.doctor_command(robot_file, "base", None, None, as_json=False)
-    with pytest.raises(UsageError, match="says that, not the command line"):
-        doctor.doctor_command(team_file(tmp_path, free), None, "tcp/127.0.0.1:1", None, as_json=False)
 
 
 NOW = datetime.now(UTC)
@@ -429,19 +290,6 @@ def look(pki: Path, wanted: Member | None = R1, now: datetime = NOW) -> team_che
     return doctor.check_certificate(doctor.OwnCertificate(wanted, folder_of(pki, R1)), now)
 
 
-def test_good_certificate_is_named(pki: Path) -> None:
-    found = look(pki)
-    assert (found.name, found.ok, found.remedy) == (CheckName.CERTIFICATE, True, "")
-    assert found.sentence.endswith("has the certificate of robot:blue:r1")
-
-
-def test_certificate_that_soon_ends_is_good_and_has_a_remedy(pki: Path) -> None:
-    found = look(pki, now=NOW + timedelta(days=6))
-    assert found.ok
-    assert "ends in 24 hours" in found.sentence
-    assert found.remedy
-
-
 def test_certificate_of_another_robot(pki: Path) -> None:
     found = look(pki, R2)
     wrong(found, CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2, got that of robot:blue:r1")
@@ -453,19 +301,6 @@ def test_no_certificate_is_wrong_where_one_is_asked_for_and_nothing_elsewhere() 
     (found,) = doctor.check_certificates(wanted, TLS)
     assert found.sentence == "the router asks for a certificate, and none is given"
     assert doctor.check_certificates(wanted, ["tcp/127.0.0.1:1"]) == []
-
-
-@pytest.mark.slow
-def test_a_robots_file_names_the_certificate_that_is_looked_at(pki: Path, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setenv(TLS_VARIABLE, "/nowhere")  # is put back afterwards
-    path = tmp_path / "r2.toml"
-    path.write_text(
-        '[robot]\nname = "r2"\nteam = "blue"\nload = []\n'
-        f'[zenoh]\nconnect = ["{TLS[0]}"]\n[zenoh.tls]\nfolder = "pki/members/robot.r1"\n'
-    )
-    (found,) = (check for check in doctor.examine_robot(path, None, None) if check.name is CheckName.CERTIFICATE)
-    assert os.environ[TLS_VARIABLE] == str(folder_of(pki, R1))
-    wrong(found, CheckName.CERTIFICATE, "expected the certificate of robot:blue:r2")
 
 
 def test_each_part_of_a_machine_is_looked_at(pki: Path, tmp_path: Path) -> None:

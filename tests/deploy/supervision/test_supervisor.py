@@ -12,8 +12,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robrain.deploy.errors import ChildFailed
-from robrain.deploy.processes.live_process import BEAT_S, LIFELINE_VARIABLE, Lifeline, LifelineEnd, LiveStop
+from robrain.deploy.processes.live_process import BEAT_S, LIFELINE_VARIABLE, Lifeline, LifelineEnd
 from robrain.deploy.supervision import guard
 from robrain.deploy.supervision.part import (
     LONGEST_CHECK_S,
@@ -76,17 +75,6 @@ def test_killed_process_is_started_again_and_what_it_had_started_is_gone(run) ->
 
 
 @pytest.mark.slow
-def test_process_that_stands_still_is_killed_and_started_again(run) -> None:
-    supervisor, events = run(HUB)
-    hub = supervisor.named("hub")
-    wait(supervisor, lambda: hub.is_up)
-    os.kill(hub.child.pid, signal.SIGSTOP)
-    wait(supervisor, lambda: PartEventKind.UP_AGAIN in kinds(events))
-    assert events[2].cause is Cause.SILENT
-    assert events[2].words.startswith("hub was silent for 1.")
-
-
-@pytest.mark.slow
 def test_process_that_waits_for_a_core_has_more_time(run, monkeypatch) -> None:
     monkeypatch.setattr(CoreWait, "since_last_s", lambda _: 1.0)
     supervisor, events = run(HUB)
@@ -107,13 +95,6 @@ def test_process_that_fails_again_and_again_is_given_up(run) -> None:
     assert kinds(events) == ["started", "failed", "started", "failed", "started", "given_up"]
     said = "'nowhere' is not an endpoint: expected something like tcp/127.0.0.1:7447"
     assert events[-1].words == f"hub ended with status 2 ({said}) and is given up: it has failed too often"
-
-
-@pytest.mark.slow
-def test_refusal_of_a_part_that_must_start_is_an_error_of_whoever_started_it(run) -> None:
-    supervisor, _ = run(WRONG, must_start=True)
-    with pytest.raises(ChildFailed, match="the hub did not start: 'nowhere' is not an endpoint"):
-        wait(supervisor, lambda: False)
 
 
 def test_guard_ends_what_is_left_even_if_it_stands_still() -> None:
@@ -207,30 +188,6 @@ def test_time_in_which_a_process_waited_for_a_core_counts_for_a_fifth(waited_sha
     assert now_s == pytest.approx(killed_s, abs=0.15)
 
 
-def test_process_is_quiet_while_it_runs_and_has_not_beaten_for_a_while() -> None:
-    restarts = Restarts("r1", POLICY)
-    assert steps(restarts, -2.0, -1.0) != []
-    assert not restarts.is_quiet
-    restarts.started()
-    steps(restarts, 0.0, 0.6)
-    assert restarts.is_quiet
-    restarts.ready()
-    assert not restarts.is_quiet
-    steps(restarts, 0.6, 1.2)
-    assert restarts.is_quiet
-    restarts.beat()
-    assert not restarts.is_quiet
-
-
-def test_end_is_told_as_an_end_after_an_earlier_hang() -> None:
-    restarts = up()
-    steps(restarts, 0.0, 6.0)
-    restarts.ended(6.0, -9)
-    assert restarts.next_step(7.0) is RestartStep.START
-    restarts.started()
-    assert restarts.ended(8.0, 3).cause is Cause.ENDED
-
-
 class RestartsMachine(RuleBasedStateMachine):
     """Anything may happen to a process, at any time."""
 
@@ -317,23 +274,6 @@ def test_thread_that_waited_longest_counts_and_new_threads_count_from_their_firs
     assert wait.since_last_s() == pytest.approx(0.1)
 
 
-def test_after_it_was_forgotten_the_next_call_is_the_first(tmp_path: Path) -> None:
-    wait = CoreWait(7, tmp_path)
-    write(tmp_path, t7=0)
-    wait.since_last_s()
-    wait.forget()
-    write(tmp_path, t7=900_000_000)
-    assert wait.since_last_s() == 0.0
-
-
-def test_where_nothing_is_known_nothing_was_waited(tmp_path: Path) -> None:
-    wait = CoreWait(7, tmp_path)
-    assert (wait.since_last_s(), wait.since_last_s()) == (0.0, 0.0)
-    write(tmp_path, t7=0)
-    (tmp_path / "7" / "task" / "7" / "schedstat").write_text("nonsense\n")
-    assert (wait.since_last_s(), wait.since_last_s()) == (0.0, 0.0)
-
-
 @pytest.mark.slow
 def test_process_whose_core_is_taken_waits_and_one_that_is_stopped_does_not() -> None:
     core = {min(os.sched_getaffinity(0))}
@@ -377,14 +317,6 @@ def end(monkeypatch) -> Iterator[LifelineEnd]:
     end.close()
 
 
-@pytest.fixture
-def _own_signals() -> Iterator[None]:
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
-
-
 def test_beats_and_readiness_arrive(end) -> None:
     clock = Clock()
     lifeline = Lifeline(clock)
@@ -395,15 +327,6 @@ def test_beats_and_readiness_arrive(end) -> None:
     lifeline.ready()
     assert end.pulse() == (1, True)
     assert end.pulse() == (0, False)
-
-
-def test_loop_that_is_faster_beats_no_more_often(end) -> None:
-    clock = Clock()
-    lifeline = Lifeline(clock)
-    for _ in range(1000):
-        lifeline.beat()
-        clock.now_s += 0.001
-    assert 1.0 / BEAT_S <= end.pulse().beats <= 1.0 / BEAT_S + 1
 
 
 @pytest.mark.slow
@@ -424,14 +347,6 @@ def test_process_notices_that_its_supervisor_has_gone(end) -> None:
     assert lifeline.is_cut
 
 
-@pytest.mark.usefixtures("_own_signals")
-def test_main_loop_that_asks_whether_to_stop_beats(end) -> None:
-    should_stop = LiveStop()
-    assert not should_stop()
-    should_stop.ready()
-    assert end.pulse() == (1, True)
-
-
 @pytest.mark.usefixtures("end")
 def test_processes_that_it_starts_do_not_beat_for_it() -> None:
     number = os.environ[LIFELINE_VARIABLE]
@@ -443,12 +358,3 @@ def test_processes_that_it_starts_do_not_beat_for_it() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, close_fds=False
     ).stdout
     assert said == "closed\n"
-
-
-@pytest.mark.parametrize("text", ["", "x", "-1", "987654"])
-def test_process_without_a_supervisor_does_not_mind(monkeypatch, text: str) -> None:
-    monkeypatch.setenv(LIFELINE_VARIABLE, text)
-    lifeline = Lifeline(Clock())
-    lifeline.beat()
-    lifeline.ready()
-    assert not lifeline.is_cut

@@ -1,6 +1,5 @@
 """A team file, the parts that a machine starts by it, and their certificates."""
 
-import json
 import os
 import shutil
 import socket
@@ -15,7 +14,6 @@ from robrain.deploy.errors import PkiError, UsageError
 from robrain.deploy.pki.issuing import CA_KEY, DAYS, MEMBERS_FILE, read_members, renew, revoke
 from robrain.deploy.processes.arena_process import resumed, robot_file_of, started_again, write_resume
 from robrain.deploy.supervision.credentials import Credentials
-from robrain.deploy.supervision.part import Part
 from robrain.deploy.supervision.site import Printed, Site
 from robrain.deploy.supervision.team_file import is_team_file, read_team_file
 from robrain.deploy.supervision.up import choose_endpoint
@@ -41,15 +39,6 @@ name = "cart"
 address = "cart.local"
 parts = ["r1", "r2"]
 """
-REAL = """
-[robots]
-r1 = "r1.toml"
-
-[[hosts]]
-name = "base"
-address = "127.0.0.1"
-parts = ["hub", "coordinator", "r1"]
-"""
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -64,25 +53,6 @@ def test_hosts_and_the_hubs_endpoint_are_read(tmp_path) -> None:
     assert found.endpoint == "tcp/10.0.0.5:7000"
     assert found.host(path, "cart").robots == ["r1", "r2"]
     assert found.host(path, "base").robots == []
-
-
-def test_planning_file_that_is_missing_is_told(tmp_path) -> None:
-    (tmp_path / "r1.toml").write_text('[robot]\nname = "r1"\n')
-    with pytest.raises(UsageError, match=r"team\.planning: expected a file"):
-        read_team_file(written(tmp_path, f'[team]\nplanning = "gone.toml"\n{REAL}'))
-
-
-def test_only_host_needs_no_name(tmp_path) -> None:
-    (tmp_path / "r1.toml").write_text('[robot]\nname = "r1"\n')
-    path = written(tmp_path, REAL)
-    found = read_team_file(path)
-    assert found.host(path, None).name == "base"
-    assert found.endpoint == "tcp/127.0.0.1:7447"
-
-
-def test_ipv6_address_stands_in_brackets(tmp_path) -> None:
-    found = read_team_file(written(tmp_path, GOOD.replace("10.0.0.5", "fd00::5")))
-    assert found.endpoint == "tcp/[fd00::5]:7000"
 
 
 @pytest.mark.parametrize(
@@ -111,11 +81,6 @@ def test_wrong_file_is_told_by_file_key_and_what_was_expected(tmp_path, old: str
         read_team_file(path)
     assert str(error.value).startswith(f"{path}: ")
     assert said in str(error.value)
-
-
-def test_robot_without_scenario_needs_its_file(tmp_path) -> None:
-    with pytest.raises(UsageError, match=r"expected the ROBOT\.toml of r1, as there is no scenario"):
-        read_team_file(written(tmp_path, REAL.replace('r1 = "r1.toml"\n', "")))
 
 
 @pytest.mark.parametrize(
@@ -176,13 +141,6 @@ def test_hub_that_comes_back_listens_where_the_first_did() -> None:
     assert printed.endpoint == "tcp/127.0.0.1:4000"
 
 
-def test_messages_of_all_recorders_are_counted_together() -> None:
-    printed = Printed(None)
-    for line in ('{"messages": 3, "bytes": 1}', "{", "recording", '{"messages": 4}', '{"messages": "x"}'):
-        printed.read("recorder", line)
-    assert printed.messages == 7
-
-
 def test_robots_stand_where_they_stood_when_the_arena_comes_back(tmp_path, world) -> None:
     pose = Pose2D(2.0, 1.0, 0.5)
     truth = ArenaTruth(
@@ -190,12 +148,6 @@ def test_robots_stand_where_they_stood_when_the_arena_comes_back(tmp_path, world
     )
     again = resumed(world, write_resume(tmp_path / "resume.json", truth))
     assert [robot.start for robot in again.robots] == [world.robots[0].start, pose]
-
-
-def test_file_to_resume_from_that_is_wrong_is_told(tmp_path, world) -> None:
-    (tmp_path / "x.json").write_text(json.dumps({"r1": 3}))
-    with pytest.raises(UsageError, match="--resume"):
-        resumed(world, tmp_path / "x.json")
 
 
 def test_agent_that_comes_back_begins_where_its_robot_last_said_it_was(world) -> None:
@@ -265,11 +217,6 @@ def test_certificates_that_soon_end_are_renewed_at_the_start_and_while_the_team_
     before = serials(made)
     made.prepare(PARTS, SOON + timedelta(days=DAYS))
     assert not before.items() & serials(made).items()
-
-
-def test_a_part_is_started_with_its_certificate(made: Credentials) -> None:
-    part = made.shown_by(Part("r1", lambda start: ["agent", f"r1-{start}.toml"]))
-    assert part.arguments(2) == ["--tls", str(made.folder("r1")), "agent", "r1-2.toml"]
 
 
 @pytest.mark.parametrize("before", [None, "/etc/robrain/operator.ann"])

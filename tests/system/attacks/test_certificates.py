@@ -11,7 +11,7 @@ import pytest
 from robrain.deploy.pki.issuing import folder_of, init, issue, renew
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, read_identity
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.errors import CallError, NobodyThere, WireError
+from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.tasks.task_messages import TASK_LIST
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import listening_at, open_session
@@ -102,29 +102,6 @@ def test_member_does_not_pass_for_a_router(team: SecuredTeam, name: str) -> None
 
 def _router(team: SecuredTeam) -> Any:
     return read_identity(team.folder_of(member_named("router site")))
-
-
-def test_router_of_another_ca_is_not_connected_to(team: SecuredTeam, tmp_path: Path) -> None:
-    init(tmp_path / "pki", TEAM, NOW)
-    issue(tmp_path / "pki", member_named("router site"), NOW)
-    identity = read_identity(folder_of(tmp_path / "pki", member_named("router site")))
-    with closing(open_session(mode="router", listen=["tls/127.0.0.1:0"], identity=identity)) as rogue:
-        own = read_identity(team.folder_of(member_named("robot r1")))
-        with pytest.raises(NobodyThere):
-            open_session(connect=[listening_at(rogue)[0]], identity=own, wait_s=0.3)
-
-
-@pytest.mark.parametrize("mode", ["peer", "router"])
-def test_member_with_a_certificate_is_a_client_alone(team: SecuredTeam, mode: str) -> None:
-    identity = read_identity(team.folder_of(member_named("robot r1")))
-    with pytest.raises(WireError, match="is for a client"):
-        open_session(mode=mode, connect=[team.endpoint], identity=identity)
-
-
-def test_no_key_is_in_what_routers_and_records_hold(team: SecuredTeam) -> None:
-    texts = [path.read_bytes() for path in team.pki.rglob("*.json*")]
-    assert len(texts) >= 3
-    assert not any(b"PRIVATE" in text for text in texts)
 
 
 def test_link_is_cut_when_its_certificate_ends_and_is_back_when_it_is_renewed_in_place(team: SecuredTeam) -> None:

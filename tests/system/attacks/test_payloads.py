@@ -1,6 +1,5 @@
 """Attacks by members through robrain's own keys: other names in messages, too much, nonsense, floods."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +21,6 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.system
 T = "robrain/blue"
-FLOOD = 10_000
 TASK = b'{"task": {"id": "%s", "kind": "tool", "place": {"x_m": 1, "y_m": 1}}, "by": "%s"}'
 
 
@@ -44,7 +42,7 @@ def _errors(team: SecuredTeam, name: str, key: str, payload: bytes) -> list[str]
     return ["" if reply.err is None else msgspec.json.decode(reply.err.payload.to_bytes())["code"] for reply in replies]
 
 
-@pytest.mark.parametrize("by", ["operator:bob", "bob", "operator", "robot:ann", "ann2"])
+@pytest.mark.parametrize("by", ["operator:bob", "robot:ann"])
 @pytest.mark.parametrize(
     ("key", "rest"),
     [
@@ -60,7 +58,7 @@ def test_order_in_another_name_is_forbidden(team: SecuredTeam, by: str, key: str
     assert _errors(team, "operator ann", f"{T}/as/operator/ann/{key}", payload) == [ErrorCode.FORBIDDEN]
 
 
-@pytest.mark.parametrize("by", ["operator:ann", "hall2", "operator:hall", "operator"])
+@pytest.mark.parametrize("by", ["operator:ann", "hall2"])
 def test_halt_in_another_name_stops_nobody(team: SecuredTeam, states: Callable[[], RobotState], by: str) -> None:
     session = team.session(member_named("dashboard hall"))
     session.put(f"{T}/as/dashboard/hall/halt", b'{"stamp_ns": 1, "seq": 0, "halted": true, "by": "%s"}' % by.encode())
@@ -97,7 +95,7 @@ def test_halt_that_is_none_stops_nobody(
 
 
 @pytest.mark.parametrize("payload", [b"x" * 2_000_000, b"[" * 5000, b"\xff", b"[]", b'{"task": 1}', b"<script>"])
-@pytest.mark.parametrize("key", ["task/submit", "task/cancel", "robot/r1/host/load", "robot/r1/host/command"])
+@pytest.mark.parametrize("key", ["task/submit", "robot/r1/host/load"])
 def test_order_that_is_none_is_refused_in_words(team: SecuredTeam, key: str, payload: bytes) -> None:
     assert _errors(team, "operator bob", f"{T}/as/operator/bob/{key}", payload) == [ErrorCode.BAD_ARGUMENTS]
 
@@ -150,7 +148,7 @@ def test_plugin_is_held_in_the_name_of_the_certificate(team: SecuredTeam, ann: E
     assert ann.ask(HOST_RELEASE, HOST_RELEASE.request(plugin="tool", by="ann"), robot="r1")
 
 
-@pytest.mark.parametrize("name", ["viewer vic", "recorder rec", "robot r2", "dashboard hall", "coordinator hq"])
+@pytest.mark.parametrize("name", ["viewer vic", "robot r2"])
 @pytest.mark.parametrize(
     ("query", "request_"),
     [
@@ -174,15 +172,6 @@ def test_who_may_not_is_told_so_before_anything_is_sent(
 def test_operator_loads_nothing_by_a_path_that_is_not_open(team: SecuredTeam, ann: Endpoint, name: str) -> None:
     with pytest.raises(CallError):
         ann.ask(HOST_LOAD, HOST_LOAD.request(plugin=name), robot="r1")
-
-
-def test_flood_of_a_robot_keeps_nobody_from_another(team: SecuredTeam, ann: Endpoint) -> None:
-    session = team.session(member_named("robot r2"))
-    began_s = time.monotonic()
-    for _ in range(FLOOD):
-        session.put(f"{T}/robot/r2/state", b'{"robot": "r2"}')
-    assert ann.ask(ROBOT_CALL, robot="r1", plugin="tool", function="read") is not None
-    assert time.monotonic() - began_s < 10.0
 
 
 def test_flood_of_questions_keeps_nobody_from_a_robot(team: SecuredTeam, ann: Endpoint) -> None:

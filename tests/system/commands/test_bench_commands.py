@@ -19,28 +19,6 @@ def test_public_instance_is_solved_and_its_gap_told(commands) -> None:
     assert 0.0 <= told["gap"] < 0.05
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["allocation", "--instance", "gone.vrp"], ["gone.vrp", "No such file"]),
-        (["allocation", "--instance", str(R101), "--seconds", "0"], ["--seconds 0", "above 0"]),
-        (["allocation", "--instance", str(R101), "--best", "-1"], ["--best -1", "above 0"]),
-        (["mapping", "--maps", "moon"], ["--maps moon", "clinic"]),
-        (["mapping", "--maps", "clinic", "--jobs", "0"], ["--jobs 0", "at least 1"]),
-        (["mapping", "--maps", "clinic", "--conditions", "fog"], ["--conditions fog", "usual or glass or late"]),
-        (["motes", "--methods", "wind"], ["--methods wind", "tree or routes"]),
-        (["motes", "--motes", "0"], ["--motes 0", "1 to 1000"]),
-        (["motes", "--jobs", "0"], ["--jobs 0", "at least 1"]),
-        (["motes", "--goal-days", "0"], ["--goal-days 0", "above 0"]),
-        (["motes", "--motes", "8", "--methods", "tree", "--seeds", "1"], ["--motes 8", "take more"]),
-        (["log", "gone.clf"], ["gone.clf", "No such file"]),
-    ],
-)
-def test_bad_words_are_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
-    line = commands.refused("bench", *words)
-    assert [text for text in named if text not in line] == []
-
-
 def test_life_of_a_mote_field_is_told_with_its_bounds(commands, tmp_path: Path) -> None:
     file = tmp_path / "motes.json"
     done = commands.run_here("bench", "motes", "--seeds", "3", "--methods", "tree,routes,relief", "--json", str(file))

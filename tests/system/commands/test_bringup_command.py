@@ -1,7 +1,6 @@
 """`robrain bringup` against a live arena: the command as a person types it, with faults in the robot's file."""
 
 import json
-import signal
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -121,10 +120,7 @@ def test_a_robot_is_brought_up_live_and_its_file_corrected(yard: Yard) -> None:
     assert "by the shop" in Path(report["backup"]).read_text()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_the_wheels_stand_within_300_ms_after_its_process_is_ended(
-    yard: Yard, wheels: Wheels, how: signal.Signals
-) -> None:
+def test_the_wheels_stand_within_300_ms_after_its_process_is_killed(yard: Yard, wheels: Wheels) -> None:
     words = ("bringup", str(yard.file), "--yes", "--no-air", "--rounds", "0")
     process = yard.commands.start(*words)
 
@@ -139,7 +135,7 @@ def test_the_wheels_stand_within_300_ms_after_its_process_is_ended(
     for _ in range(50):
         wheels.turn()
     assert wheels.turn()
-    process.send_signal(how)
+    process.kill()
     turned = [wheels.turn() for _ in range(100)]
     assert not any(turned[WATCHDOG_FRAMES + FLIGHT_FRAMES :])
     assert process.wait(PATIENCE_S) != 0
@@ -153,10 +149,3 @@ def test_it_does_not_begin_while_the_robots_agent_runs(yard: Yard) -> None:
     assert "r1" in done.stderr
     assert "bus:" not in done.stdout
     assert "Traceback" not in done.stderr
-
-
-def test_without_a_person_or_an_arena_it_says_so_in_a_sentence(commands: Commands) -> None:
-    (commands.folder / "r1.toml").write_text('[robot]\nname = "r1"\n')
-    assert "run it at a terminal, or with --yes" in commands.refused("bringup", "r1.toml")
-    nowhere = commands.refused("bringup", "r1.toml", "--yes")
-    assert "start `robrain arena`, or set interface in [parameters.mocdevice]" in nowhere

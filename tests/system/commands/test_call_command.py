@@ -1,6 +1,5 @@
 """`robrain call`: one call of a robot's plugin from a command line; `robrain log`: what its plugins print and log."""
 
-import json
 import re
 from collections.abc import Iterator
 
@@ -120,18 +119,6 @@ def test_call_waits_for_the_end_of_a_long_action(
     assert (done.returncode, done.stderr) == (status, "")
     shown = done.stdout.splitlines()
     assert [line[: len(wanted)] for line, wanted in zip(shown, lines, strict=True)] == lines
-
-
-def test_call_without_a_function_lists_the_functions(robot: Commands) -> None:
-    listed = robot.run("call", "r1", "drawer").stdout
-    assert "draw(x_m: float, label: str = '-') -> tuple[float, str]\n" in listed
-
-
-@pytest.mark.parametrize("words", [["draw", "2", "5x"], ["draw", '[2, "5x"]'], ["draw", "label=5x", "x_m=2"]])
-def test_a_program_gets_json(robot: Commands, words: list[str]) -> None:
-    done = robot.run_here("call", "r1", "drawer", *words, "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout) == [2, "5x"]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -14,17 +13,12 @@ from typing import NamedTuple
 import can
 import pytest
 
-from robrain.agent.host.agent_host import AgentHost
-from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.can.frames import codec, database
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH
 from robrain.protocol.model.geometry import Twist2D
-from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.session import listening_at, open_session
 from tests.system.conftest import Commands, member_at
 from tests.waiting import PATIENCE_S, until
 
@@ -120,32 +114,3 @@ def test_the_logger_writes_what_passes_on_a_simulated_robot_s_bus(log: Path, dri
     steps = [(after - before) % 256 for before, after in itertools.pairwise(numbers)]
     assert min(steps) > 0
     assert sum(steps) < 1.2 * len(steps)
-
-
-def test_a_log_that_is_played_into_a_robot_moves_its_odometry_as_the_drive_did(log: Path, driven: "Driven") -> None:
-    with can.CanutilsLogReader(log) as reader:
-        encoders = sum(frame.arbitration_id == 0x180 for frame in reader)
-    hub = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    robot_file = RobotFile(robot=RobotTable("r7", load=["mocdevice"]), parameters={"mocdevice": {"silent_s": 60.0}})
-    host = AgentHost(robot_file, Path(), hub, LiveClock(), Drive.LOCKSTEP)
-    try:
-        host.start()
-        words = ("-i", "zenoh", "-c", "r7/can0", "--ignore-timestamps", "-g", "0.002", str(log))
-        player = tool("player", "--bus-kwargs", f"connect={listening_at(hub)[0]}", *words)
-        with subprocess.Popen(player, stdout=subprocess.DEVNULL) as playing:
-            while playing.poll() is None:
-                host.step()
-                time.sleep(0.01)
-        device = host.manager.get("mocdevice").plugin
-
-        def are_taken_in() -> bool:
-            counters = device.counters()  # type: ignore[attr-defined]
-            return bool(counters.believed + counters.rejected == encoders)
-
-        until(are_taken_in, "not every frame was taken in", step=host.step)
-        assert device.counters().rejected == 0  # type: ignore[attr-defined]
-        assert device.pose().x_m == pytest.approx(driven.distance_m, rel=0.1)  # type: ignore[attr-defined]
-        assert abs(device.pose().y_m) < 0.1 * driven.distance_m  # type: ignore[attr-defined]
-    finally:
-        host.close()
-        hub.close()

@@ -13,7 +13,6 @@ from robrain.protocol.wire.session import listening_at
 from robrain.recording.reader.reading import is_truncated, recording_info
 from tests.asking import until_answered
 from tests.system.conftest import Commands
-from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.system
 
@@ -49,32 +48,6 @@ def test_journal_is_backed_up_while_the_coordinator_runs_and_restored_when_it_is
     second = commands.start("coordinator", "--connect", endpoint, "--journal", str(journal))
     commands.line_with(second, UP)
     assert [record.task.id for record in until_answered(lambda: wire.ask(TASK_LIST, TaskFilter()))] == ["t1"]
-
-
-@pytest.mark.slow
-def test_backup_under_up_is_there_when_the_team_has_ended(commands: Commands, tmp_path: Path) -> None:
-    up = commands.start("up", "depot", "--robots", "1", "--no-dashboard")
-    journal = tmp_path / commands.line_with(up, "journal: ").split()[1]
-    made = commands.run_until(lambda ended: ended.returncode == 0, "journal", "backup", "--json")
-    up.send_signal(signal.SIGINT)
-    up.wait(PATIENCE_S)
-    backup = Path(json.loads(made.stdout)["path"])
-    assert backup.is_relative_to(f"{journal}.backups")
-    for file in (journal, backup):
-        assert commands.run_here("journal", "check", str(file)).returncode == 0
-
-
-def test_damaged_backup_is_told_and_ends_the_command_with_1(commands, tmp_path) -> None:
-    bad = tmp_path / "bad"
-    bad.write_bytes(b"no database" * 1000)
-    assert commands.run_here("journal", "check", str(bad)).returncode in (1, 2)
-    assert commands.run_here("journal", "restore", str(bad), "--journal", str(tmp_path / "j")).returncode == 2
-    assert not (tmp_path / "j").exists()
-
-
-def test_options_that_do_not_go_together_are_refused(commands, tmp_path) -> None:
-    line = commands.refused("journal", "backup", "--output", str(tmp_path / "x"))
-    assert "--journal and --output: give both, or neither" in line
 
 
 @pytest.fixture(scope="module")
@@ -120,18 +93,6 @@ def test_fork_without_changes_is_told_to_be_equal(commands, path: Path) -> None:
     assert told["fork"]["same_whole"] is True
     assert told["fork"]["digest"] == recording_info(path).digest
     assert told["runs"] is None
-
-
-def test_wrong_command_line_is_one_sentence(commands) -> None:
-    for words, said in (
-        (("--at", "9s"), "--at 9s: expected a time from 0 to 6 s, the end of run.mcap"),
-        (("--at", "noon"), "--at noon: expected a time of the run"),
-        (("--at", "0.5", "--without", "r7"), "--without r7: there is no such robot; there are r1 to r2"),
-        (("--at", "0.5", "--task", "visit"), "a task to visit needs --at"),
-        (("--at", "0.5", "--output", "x.bag"), "give a file name that ends in .mcap"),
-    ):
-        assert said in commands.refused("fork", "run.mcap", *words)
-    assert [path.name for path in commands.folder.glob("*.mcap")] == ["run.mcap"]
 
 
 def test_interrupted_fork_closes_its_recording(commands) -> None:

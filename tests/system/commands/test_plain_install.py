@@ -199,17 +199,6 @@ def test_agent_and_doctor_name_the_extra_that_ros2_devices_need(plain: Plain) ->
     assert "pip install 'robrain[ros2]'" in done.stdout
 
 
-def test_doctor_names_the_extra_that_plugins_of_a_plain_install_lack(plain: Plain) -> None:
-    done = plain.run("doctor")
-    assert (done.returncode, done.stderr) == (1, "")
-    assert "needs robrain[navigation]" in done.stdout
-
-
-def test_the_robots_bus_is_there_for_the_tools_of_python_can(plain: Plain) -> None:
-    done = plain.python("-c", "import can; can.Bus(interface='zenoh', channel='r1/can0').shutdown()")
-    assert (done.returncode, done.stderr) == (0, "")
-
-
 def test_hub_and_the_parts_of_a_machine_run_in_a_plain_install(plain: Plain) -> None:
     hub = plain.start("hub", "--listen", "tcp/127.0.0.1:0")
     endpoint = plain.commands.line_with(hub, "hub: tcp/").split()[1]
@@ -247,17 +236,6 @@ def test_no_command_is_left_out() -> None:
     assert sorted([*LIVE, "doctor", *(command for command, _, _ in [*COMMANDS, *LACKING])]) == sorted(
         _leaves(get_command(all_commands()))
     )
-
-
-def test_every_command_in_the_readme_exists() -> None:
-    known = list(_leaves(get_command(all_commands())))
-    spans = re.findall(r"`robrain ([^`]+)`", (ROOT / "README.md").read_text())
-    assert len(spans) > 15
-    for span in spans:
-        first, *rest = span.replace("\\|", "|").split()
-        second = rest[0].split("|") if rest and any(one.startswith(f"{first} ") for one in known) else [""]
-        for name in second:
-            assert f"{first} {name}".strip() in known, span
 
 
 def _statements(node: ast.AST) -> Iterator[ast.stmt]:

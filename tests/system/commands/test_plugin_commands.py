@@ -94,51 +94,6 @@ def test_a_new_plugin_is_checked_and_tested_as_it_was_written(commands) -> None:
     assert "2 passed" in tested.stdout
 
 
-def test_check_exits_with_1_for_mistakes_and_with_0_for_warnings(commands) -> None:
-    commands.run_here("plugin", "new", "lamp", "--level", "device")
-    commands.run_here("plugin", "new", "dimmer", "--level", "skill")
-    source, manifest = (commands.folder / "lamp" / name for name in ("lamp.py", "lamp.toml"))
-    source.write_text(
-        source.read_text().replace(
-            '        """Read the sensor, in SI units; here a constant in place of a bus."""\n', ""
-        )
-    )
-    warned = commands.run_here("plugin", "check", ".")
-    assert warned.returncode == 0
-    assert warned.stdout.splitlines()[-1] == "2 plugins, no mistakes, 1 warning"
-    manifest.write_text(manifest.read_text().replace("requires = []", 'requires = ["socket"]'))
-    wrong = commands.run_here("plugin", "check", ".")
-    assert wrong.returncode == 1
-    *findings, last = wrong.stdout.splitlines()
-    assert last == "2 plugins, 1 mistake, 1 warning"
-    assert [line.split(": ")[:2] for line in findings] == [
-        [str(source), "Lamp.read"],
-        ["lamp/lamp.toml", "[tag] requires"],
-    ]
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (["new", "2lamps", "--level", "unit"], ["2lamps", "Python name"]),
-        (["new", "lamp", "--level", "gadget"], ["gadget", "device, unit, skill, behavior"]),
-        (["new", "there", "--level", "unit"], ["there", "is there already"]),
-        (["check", "nosuch"], ["nosuch", "no such folder"]),
-        (["list", "r1"], ["--connect", "ROBRAIN_CONNECT"]),
-        (["list", "r1", "--connect", "tcp/127.0.0.1:9"], ["nobody", "tcp/127.0.0.1:9"]),
-        (["list", "a/b", "--connect", "tcp/127.0.0.1:9"], ["a/b", "robot"]),
-        (["load", "r1", "no/such", "--connect", "tcp/127.0.0.1:9"], ["no/such", "no such folder or manifest"]),
-        (["load", "r1", "lamp.toml", "--connect", "tcp/127.0.0.1:9"], ["lamp.toml", "no such folder or manifest"]),
-        (["unload", "r1", "a b", "--connect", "tcp/127.0.0.1:9"], ["a b", "plugin"]),
-    ],
-)
-def test_bad_input_is_told_in_one_sentence(commands, words: list[str], named: list[str]) -> None:
-    (commands.folder / "there").mkdir()
-    line = commands.refused("plugin", *words)
-    assert [text for text in named if text not in line] == []
-    assert list(commands.folder.rglob("*")) == [commands.folder / "there"]
-
-
 # -- with one ---------------------------------------------------------------------------------------------------
 
 
@@ -203,45 +158,3 @@ def test_what_others_require_is_unloaded_only_with_them_and_comes_back_by_name(r
     for name in set(gone) - {"planner", "explore"}:
         robot.told("load", "r1", name)
     robot.comes_to(before)
-
-
-BAD = """
-from robrain import Device
-
-class Hang(Device):
-    period_s = 0.1
-    def step(self):
-        while True: pass
-
-class Flood(Device):
-    period_s = 0.1
-    def step(self):
-        while True: print("again")
-"""
-
-
-@pytest.mark.slow
-def test_no_stock_plugin_faults_beside_one_that_hangs_and_one_that_floods_the_log(robot: Robot) -> None:
-    folder = robot.commands.folder / "bad"
-    folder.mkdir()
-    (folder / "bad.py").write_text(BAD)
-    bad = ("hang", "flood")
-    for name in bad:
-        (folder / f"{name}.toml").write_text(f'[plugin]\nclass = "bad:{name.title()}"\n')
-    robot.settled()
-
-    def log() -> set[str]:
-        return set(robot.commands.run_here("log", "r1", ROBRAIN_CONNECT=robot.endpoint).stdout.splitlines())
-
-    def faulted() -> set[str]:
-        return {line.split()[1] for line in log() - before if " error: does not run" in line}
-
-    before = log()
-    for name in bad:
-        robot.told("load", "r1", str(folder / f"{name}.toml"))
-    until(lambda: faulted() >= set(bad))
-    assert faulted() == set(bad)
-    assert any("lines dropped" in line for line in log())
-    for name in bad:
-        robot.told("unload", "r1", name)
-    assert robot.settled()

@@ -1,9 +1,7 @@
 """The two shells: `robrain shell ROBOT` over the wire, and the one at the robot's own terminal."""
 
 import io
-import os
 import sys
-from types import SimpleNamespace
 
 import pytest
 from prompt_toolkit.application import create_app_session
@@ -16,7 +14,6 @@ from robrain import Team
 from robrain.agent.lifecycle.external_function import external_functions
 from robrain.agent.plugin import Unit, external
 from robrain.deploy.commands.shell import RemoteCommands, RobotCompleter, completions, history_path, run_shell
-from robrain.plugins.unit.interactive_shell import InteractiveShell
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import HOST_COMMAND
@@ -99,15 +96,6 @@ def test_a_line_that_fails_makes_the_exit_status_1_and_the_rest_goes_on(team, mo
     assert last == "did call driver drive(1.0)"
 
 
-def test_help_comes_from_signatures_and_docstrings(team, monkeypatch, capsys):
-    assert read(monkeypatch, team, b"help driver\n") == 0
-    assert capsys.readouterr().out.splitlines() == [
-        "driver (unit, active)  Drives.",
-        "  drive(distance_m: float, speed_m_s: float = 0.5) -> bool  Drive straight ahead.",
-        "  stop() -> None  Stand still.",
-    ]
-
-
 def test_a_person_types_commands_which_are_remembered(team, monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
@@ -157,40 +145,3 @@ def test_what_may_come_next_is_offered(team, typed, offered):
     found = completions(typed, commands.plugins)
     assert [text for text, _, _ in found] == offered
     assert all(text.startswith(begun) and typed.endswith(begun) for text, begun, _ in found)
-
-
-def test_without_a_state_folder_of_its_own_history_lies_below_home(monkeypatch, tmp_path):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("XDG_STATE_HOME", "relative")  # which the specification says to ignore
-    assert history_path() == tmp_path / ".local" / "state" / "robrain" / "shell_history"
-
-
-class Command:
-    def execute(self, text):
-        return f"ok {text}"
-
-
-def shell(drive=Drive.LIVE, **parameters):
-    env = SimpleNamespace(
-        robot="r1", plugin="interactive_shell", wire=SimpleNamespace(drive=drive), use=lambda name, interface: Command()
-    )
-    plugin = InteractiveShell(env, InteractiveShell.Parameters(**parameters))
-    plugin.init()
-    return plugin
-
-
-def heard(terminal, text):
-    """What the terminal says up to a text."""
-    said = ""
-    while text not in said:
-        said += os.read(terminal, 1024).decode(errors="replace")
-    return said
-
-
-@pytest.fixture
-def terminal():
-    """A person's side of a terminal, and the path of the robot's side."""
-    ours, theirs = os.openpty()
-    yield ours, os.ttyname(theirs)
-    for side in (ours, theirs):
-        os.close(side)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -62,14 +61,6 @@ def test_it_says_how_many_runs_there_are_and_prints_means_and_differences(
     assert json.loads(again.stdout)["summary"]["settings"][0]["runs"] == {"done": 3}
 
 
-def test_a_run_that_fails_is_told_and_gives_the_exit_status(commands) -> None:
-    done = commands.run("sweep", "arena_small", "--vary", "robots=1,900", "--seeds", "1", "--time-limit", "2")
-    assert done.returncode == 1
-    assert "left out: of 2 runs, 1 failed" in done.stdout
-    assert "2-robots=900-seed1: " in done.stdout
-    assert "written to runs/arena_small-sweep:" in done.stdout
-
-
 def test_killed_then_interrupted_and_called_again_it_loses_nothing_and_does_nothing_twice(
     commands, whole: bytes
 ) -> None:
@@ -104,20 +95,3 @@ def test_killed_then_interrupted_and_called_again_it_loses_nothing_and_does_noth
     assert after[: len(ended)] == ended
     assert len(after) == len(set(after)) == 6
     assert table.read_bytes() == whole
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["--seeds", "x"], "--seeds x: expected numbers and ranges"),
-        (["--vary", "robtos=1"], "--vary robtos: expected one of robots, .*did you mean .robots"),
-        (["--limit", "5"], r"--limit 5: these are 10 runs \(1 settings × 10 seeds\)"),
-        (["--limit", "0"], "--limit 0: expected at least 1"),
-        (["--until", "explored=2"], "--until 'explored=2': expected"),
-        (["--robots", "0"], "--robots 0: expected at least 1"),
-        (["--workers", "0"], "--workers 0: expected at least 1"),
-    ],
-)
-def test_a_mistake_is_one_sentence_and_leaves_nothing(commands, words: list[str], why: str) -> None:
-    assert re.search(why, commands.refused("sweep", "arena_small", "--output", "out", *words))
-    assert not (commands.folder / "out").exists()

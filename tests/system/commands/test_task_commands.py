@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -123,15 +121,6 @@ def test_tasks_of_a_file_are_done_in_their_order_and_one_is_cancelled(team: Live
     assert team.task("watch", "c").returncode == 1  # it was not done
 
 
-def test_ctrl_c_ends_a_watch_without_a_trace(team: LiveTeam) -> None:
-    team.task("add", "visit", "--at", "2,1", "--id", "later", "--earliest", "600")
-    watching = team.commands.start("task", "watch", "later", ROBRAIN_CONNECT=team.endpoint)
-    assert team.commands.line_with(watching, "later").startswith("later: queued")
-    watching.send_signal(signal.SIGINT)
-    assert watching.wait(PATIENCE_S) == 130
-    assert all(line.startswith("later: queued") for line in watching.stdout)
-
-
 def test_a_second_coordinator_of_the_team_is_refused_and_told_who_is_there(team: LiveTeam) -> None:
     other = team.commands.run("coordinator", "--connect", team.endpoint)
     assert other.returncode == 2
@@ -156,17 +145,10 @@ def test_a_coordinator_of_another_team_on_the_same_journal_is_refused(team: Live
     ("words", "said"),
     [
         (["add", "fly"], "a task to fly needs --at"),
-        (["add", "visit"], "a task to visit needs --at"),
         (["add", "visit", "--at", "3"], "--at 3: expected X,Y in metres, such as 3,4.5"),
-        (["add", "visit", "--at", "3,nan"], "expected a finite --at"),
         (["add", "visit", "--at", "3,4", "--mote", "m1"], "a task to visit has no --mote; it has --after, --at, "),
-        (["add", "visit", "--at", "3,4", "--id", "a/b"], "--id: bad task name 'a/b'"),
-        (["add", "visit", "--at", "3,4", "--priority", "-1"], "--priority: Expected `float` > 0.0"),
-        (["add", "relay", "--at", "3,4", "--mote", "m1"], "a task to relay needs --duration"),
-        (["add", "nosuch.toml"], "nosuch.toml: cannot be read"),
         (["add", "wrong.toml"], "wrong.toml: is not TOML"),
         (["add", "wrong.json"], "wrong.json: task 2: a task to visit needs place"),
-        (["add", "odd.toml"], "odd.toml: task 1: a task to visit has no colour"),
         (["add", "odd.toml", "--priority", "2"], "odd.toml: a file has all fields of its tasks"),
         (["list", "--state", "gone"], "--state gone: expected one of queued, offered"),
     ],
@@ -177,36 +159,3 @@ def test_bad_input_is_one_sentence(commands, words: list[str], said: str) -> Non
     (folder / "wrong.json").write_text('[{"kind":"visit","place":[1,2]},{"kind":"visit"}]')
     (folder / "odd.toml").write_text('kind = "visit"\nplace = [1.0, 2.0]\ncolour = "red"\n')
     assert said in commands.refused("task", *words)
-
-
-def test_a_kind_of_task_that_only_one_plugin_knows_is_asked_for_from_the_command_line(team: LiveTeam) -> None:
-    folder = team.commands.folder / "sweep"
-    shutil.copytree(Path(__file__).parents[3] / "examples" / "08_your_own_task", folder)
-    loaded = team.commands.run_here("plugin", "load", "r1", str(folder), ROBRAIN_CONNECT=team.endpoint)
-    assert loaded.returncode == 0, loaded.stderr
-
-    def announced() -> str:
-        found: str = team.task("kinds").stdout
-        return found if "sweep" in found else ""
-
-    told = until(announced, "the kind is not announced")
-    assert "sweep: Sweeps a rectangle in lanes. (r1)" in told
-    assert "  width_m: Along x, the direction of the lanes." in told
-    assert "  lane_m (optional): Greatest distance between two lanes." in told
-
-    place = ("--at", "3,3", "--id", "hall")
-    bad = team.task("add", "sweep", *place, "--set", "width_m=-1", "--set", "height_m=1")
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert bad.stderr.endswith("is refused: width_m: -1 is less than or equal to the minimum of 0\n")
-    missing = team.task("add", "sweep", *place, "--set", "width_m=1")
-    assert missing.stderr.endswith("is refused: a task to sweep needs height_m\n")
-    typo = team.task("add", "sweeep", "--at", "3,3")
-    assert re.search(r"no robot of the team does a task to sweeep: .*; did you mean sweep\?$", typo.stderr.strip())
-
-    added = team.task("add", "sweep", *place, "--set", "width_m=1.0", "--set", "height_m=0.4", "--json")
-    assert added.returncode == 0, added.stderr
-    assert json.loads(added.stdout)["task"]["parameters"] == {"width_m": 1.0, "height_m": 0.4}
-    assert team.task("why", "hall").stdout.startswith("hall: ")
-    watched = team.task("watch", "hall", "--json")
-    assert watched.returncode == 0, watched.stdout + watched.stderr
-    assert json.loads(watched.stdout.splitlines()[-1])["result"]["lanes"] == 2

@@ -4,7 +4,6 @@ import itertools
 import re
 import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,17 +12,14 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from robrain.protocol.model.geometry import wrap_angle_rad
 from tests.system.browser import (
     CLOSE_NOTICES,
-    browser_processes,
     click_on,
-    colors_in,
     keep,
     notices,
     open_page,
-    picture_of,
     wait_for,
     window,
 )
-from tests.system.hanging import stopped, unread_socket
+from tests.system.hanging import stopped
 from tests.system.live_team import LiveTeam, live_team
 from tests.waiting import PATIENCE_S, until
 
@@ -35,48 +31,28 @@ STANDS_S = 1.0
 TYPING_S = 0.15
 """From one field to the next: viser sends what is typed each 50 ms, and of what came in between the last alone."""
 IS_INERT = "field => field.closest('[inert]') !== null"
-PULSE_S = 3.0
-HUNG_S = 5.0
 
 
-@pytest.fixture(scope="module")
-def plugin_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The plugin of an example, where the team's robots load plugins from."""
-    folder = tmp_path_factory.mktemp("live") / "sweep"
-    shutil.copytree(Path(__file__).parents[3] / "examples" / "08_your_own_task", folder)
-    return folder
+def test_operator_sees_asks_tasks_drives_and_halts_a_live_team(tmp_path: Path, browser: Browser) -> None:
+    sweep = tmp_path / "sweep"  # from where the team's robots may load plugins
+    shutil.copytree(Path(__file__).parents[3] / "examples" / "08_your_own_task", sweep)
+    with live_team(tmp_path, "arena_small", "--seed", "7", robots=ROBOTS) as team, window(browser) as context:
+        page, errors = open_page(context, team.url)
+        for robot in ROBOTS:
+            expect(page.get_by_test_id(f"robot-{robot}-contact")).to_have_text("● up")
+        page.get_by_role("tab", name="Robot", exact=True).click()
+        _function_is_called_by_its_form(page)
+        _task_is_added_by_a_click_and_done(page)
+        _robot_is_driven_by_a_held_key(page, team)
+        _halt_stops_the_wheels(page, team)
+        _plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page)
+        _task_is_called_off_by_its_button(page, team)
+        _kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page, sweep)
+        _robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page, team)
+        assert errors == []
 
 
-@pytest.fixture(scope="module")
-def team(plugin_folder: Path) -> Iterator[LiveTeam]:
-    with live_team(plugin_folder.parent, "arena_small", "--robots", "2", "--seed", "7") as team:
-        yield team
-
-
-@pytest.fixture(scope="module")
-def everything(browser: Browser, team: LiveTeam) -> Iterator[tuple[Page, list[str]]]:
-    with window(browser) as context:
-        yield open_page(context, team.url)
-
-
-@pytest.fixture
-def page(everything: tuple[Page, list[str]]) -> Iterator[Page]:
-    """The operator's page, on which no test may leave an error."""
-    page, errors = everything
-    page.bring_to_front()
-    yield page
-    assert errors == []
-
-
-def test_operator_sees_asks_tasks_drives_and_halts_a_live_team(page: Page, team: LiveTeam) -> None:
-    _team_is_drawn_and_moves(page, team)
-    _function_is_called_by_its_form(page)
-    _task_is_added_by_a_click_and_done(page)
-    _robot_is_driven_by_a_held_key(page, team)
-    _halt_stops_the_wheels(page, team)
-
-
-def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> None:
+def _plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> None:
     page.get_by_role("tab", name="Robot", exact=True).click()
     chip = page.get_by_test_id("plugin-counter")
     card = page.get_by_test_id("plugin-card")
@@ -109,7 +85,7 @@ def test_plugin_is_unloaded_loaded_and_reloaded_by_its_buttons(page: Page) -> No
     _is_reported(page, "load no_such_plugin", "no_such_plugin")
 
 
-def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
+def _task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     page.get_by_role("tab", name="Tasks", exact=True).click()
     here = team.robots()["r1"].pose
     page.get_by_text("Coordinates and options", exact=True).click()
@@ -127,7 +103,7 @@ def test_task_is_called_off_by_its_button(page: Page, team: LiveTeam) -> None:
     expect(page.locator("table[data-testid='tasks']")).to_contain_text("cancelled on the dashboard")
 
 
-def test_a_kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Page, plugin_folder: Path) -> None:
+def _kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Page, plugin_folder: Path) -> None:
     page.get_by_role("tab", name="Robot", exact=True).click()
     _fill(page, "Name or path", str(plugin_folder))
     page.get_by_role("button", name="Load", exact=True).click()
@@ -157,25 +133,7 @@ def _options(page: Page, label: str) -> list[str]:
     return page.get_by_role("option").all_inner_texts()
 
 
-def test_hung_browser_holds_up_neither_robots_nor_coordinator(page: Page, team: LiveTeam) -> None:
-    calm, calm_slowest_s = team.pulse(PULSE_S)
-    while set(calm) != {*ROBOTS, "coordinator"}:
-        calm, calm_slowest_s = team.pulse(PULSE_S)
-
-    def speak_and_answer_as_before() -> bool:
-        hung, slowest_s = team.pulse(PULSE_S)
-        speak = all(hung.get(speaker, 0) >= 0.7 * count for speaker, count in calm.items())
-        return speak and slowest_s < max(0.5, 3 * calm_slowest_s)
-
-    with unread_socket(team.url), stopped(browser_processes()):
-        time.sleep(HUNG_S - PULSE_S)
-        # The browser hangs all the time; a machine that is busy with other work is so for some of it.
-        until(speak_and_answer_as_before, "a browser that hangs holds up others")
-    time_told = page.get_by_test_id("sim-time").inner_text()
-    wait_for(lambda: page.get_by_test_id("sim-time").inner_text(), lambda now: now != time_told, "another time")
-
-
-def test_robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Page, team: LiveTeam) -> None:
+def _robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Page, team: LiveTeam) -> None:
     page.get_by_role("tab", name="Team", exact=True).click()
     expect(page.get_by_test_id("robot-r2-contact")).to_have_text("● up")
     with stopped([team.process_of("r2")]):
@@ -193,23 +151,6 @@ def test_robot_that_does_not_acknowledge_a_halt_is_named_until_it_does(page: Pag
     expect(page.get_by_test_id("stopped")).to_have_text("r1, r2")
     expect(page.get_by_test_id("not-stopped")).to_have_count(0)
     _resume(page)
-
-
-def _team_is_drawn_and_moves(page: Page, team: LiveTeam) -> None:
-    for robot in ROBOTS:
-        expect(page.get_by_test_id(f"robot-{robot}-contact")).to_have_text("● up")
-    before = wait_for(lambda: picture_of(page), lambda picture: colors_in(picture) > 20, "a picture")
-    team.stir()
-    wait_for(lambda: picture_of(page), lambda picture: bool((picture != before).any()), "another picture")
-    page.get_by_role("tab", name="Robot", exact=True).click()
-    place = page.get_by_test_id("robot-r1-place").or_(page.get_by_test_id("robot-r2-place"))
-    first = place.inner_text()
-
-    def place_now() -> str:
-        team.stir()  # on a slow computer the floor is explored before the page is looked at
-        return place.inner_text()
-
-    wait_for(place_now, lambda now: now != first, "another place of the robot")
 
 
 def _function_is_called_by_its_form(page: Page) -> None:

@@ -45,7 +45,6 @@ def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Co
         # A replay is paused at its start.
         play = page.get_by_role("button", name="▶ Play", exact=True)
         expect(play).to_be_visible()
-        page.wait_for_timeout(1500)
         expect(page.get_by_test_id("replay-time")).to_have_text(re.compile("^❚❚ 0:00 of"))
         play.click()
         pause = page.get_by_role("button", name="❚❚ Pause", exact=True)
@@ -54,19 +53,14 @@ def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Co
         pause.click()
         expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
 
-        _scrub_to(page, "18")
-        wait_for(lambda: _time_told(page), lambda told: told in ("0:17", "0:18"), "the figures of that time")
         _scrub_to(page, "2")
         wait_for(lambda: _time_told(page), lambda told: told in ("0:01", "0:02"), "the figures of that time")
         early, share = picture_of(page), _explored(page)
         _scrub_to(page, "18")
         wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")
-        expect(page.get_by_test_id("map-off")).to_have_text(re.compile(r"^\d\.\d %$"))
-        expect(page.get_by_test_id("position-error")).to_have_text(re.compile(r"^\d\.\d\d m$"))
-        late = wait_for(lambda: picture_of(page), lambda picture: bool((picture != early).any()), "another picture")
+        wait_for(lambda: picture_of(page), lambda picture: bool((picture != early).any()), "another picture")
         _scrub_to(page, "2")
         wait_for(lambda: _explored(page), lambda again: abs(again - share) < 3, "less of the floor")
-        wait_for(lambda: picture_of(page), lambda picture: bool((picture != late).any()), "the picture of before")
 
         page.get_by_role("button", name="+10 s", exact=True).click()
         wait_for(lambda: _position_s(page), lambda at_s: 11.5 <= at_s <= 12.5, "ten seconds on")

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.system
 
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
 NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
-ROUNDS = 4
+ROUNDS = 3
 SETTLED_ROUNDS = 2
 """Rounds after which a process has whatever buffers it needs for large payloads."""
 GROWTH_MAX_MB = 60.0

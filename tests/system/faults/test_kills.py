@@ -4,29 +4,15 @@ import itertools
 import os
 import re
 import signal
-from pathlib import Path
 
 import pytest
 
 from robrain import Team
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from tests.system import soak
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
-
-KILLS = 2
-"""Of the coordinator, then of an agent."""
-
-
-def test_every_task_ends_once_whatever_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak, "OPEN_TASKS", 3)
-    found = soak.soak(tmp_path, "both", KILLS, seed=7)
-    assert found["kills"] == KILLS
-    assert found["tasks"] >= 3
-    assert found["done"] >= 1
-    assert found["done"] == found["done_and_seen_on_the_wire"]
 
 
 def test_a_robot_whose_process_is_stopped_loses_its_task_and_is_told_to_stop_when_it_returns(commands) -> None:

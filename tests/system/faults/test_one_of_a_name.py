@@ -38,21 +38,6 @@ def start(commands, kind):
     hub.close()  # type: ignore[no-untyped-call]
 
 
-def test_of_three_that_start_at_once_exactly_one_comes_up(commands, start, kind) -> None:
-    processes = [start() for _ in range(3)]
-    up: list[subprocess.Popen[str]] = []
-    while not up:  # a refused process ends; the other reports that it is up
-        for process in processes:
-            line = process.stdout.readline()
-            if UP[kind] in line:
-                up.append(process)
-    refused = [process for process in processes if process not in up]
-    for process in refused:
-        process.communicate(timeout=PATIENCE_S)
-    assert [process.returncode for process in refused] == [2, 2]
-    assert up[0].poll() is None
-
-
 def test_a_process_that_hangs_beyond_its_lease_loses_its_name_and_ends_when_it_goes_on(commands, start, kind) -> None:
     first = start()
     commands.line_with(first, UP[kind])

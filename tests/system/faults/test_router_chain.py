@@ -127,29 +127,3 @@ def test_robot_goes_to_the_other_router_when_its_own_dies(chain: Chain) -> None:
     assert chain.answer(ANN, hall, "halt", expected="1 of 1 robots halted")
     assert chain.answer(ANN, hall, "resume", expected="1 of 1 robots resumed")
     assert chain.agent.poll() is None
-
-
-def test_router_comes_before_the_one_that_it_connects_to(commands: Commands) -> None:
-    pki = commands.folder / "pki"
-    init(pki, TEAM, datetime.now(UTC))
-    for who in (SITE, HALL, ANN):
-        issue(pki, who, datetime.now(UTC))
-    site = start_router(commands, pki, SITE)
-    site.process.terminate()
-    site.process.wait()
-    hall = start_router(commands, pki, HALL, connect=[site.endpoint])
-    site = start_router(commands, pki, SITE, at=site.endpoint)
-    heard: list[zenoh.Sample] = []
-    key = f"robrain/{TEAM}/as/operator/ann/halt"
-    with _session(pki, ANN, site) as one, _session(pki, ANN, hall) as other:
-        one.declare_subscriber(key, heard.append)
-        until(lambda: heard, "the routers never met", step=lambda: other.put(key, b"x"))
-
-
-def test_plain_endpoint_of_another_router_is_refused(commands: Commands) -> None:
-    pki = commands.folder / "pki"
-    init(pki, TEAM, datetime.now(UTC))
-    issue(pki, SITE, datetime.now(UTC))
-    tls = ("--tls", str(folder_of(pki, SITE)))
-    line = commands.refused(*tls, "router", "--listen", "tls/127.0.0.1:0", "--connect", "tcp/127.0.0.1:1")
-    assert "--connect tcp/127.0.0.1:1: expected tls/HOST:PORT" in line

@@ -40,11 +40,12 @@ HALL_AT = f"tls/{FAR}:7473"
 NOTICED_S, BACK_S = 2.0, 6.0
 """Measured beside other work: 0.82 s until absence is noticed, 1.7 s until the robot is back."""
 RECORDING = "hosts.mcap"
-STATES_MIN = 100
-"""States of the robot that are missing after cuts of 3 and 12 s at 10 Hz, at the least."""
+CUT_S = 12.0
+STATES_MIN = 80
+"""States of the robot that are missing after the cut, at 10 Hz, at the least."""
 OFFERS_MAX = 3
 """Offers of one task within 20 s of the link's return: the one that it had, and one or two after that."""
-PLACES = (Point2D(7.0, 4.0), Point2D(2.0, 2.0), Point2D(7.0, 2.0))
+PLACES = (Point2D(7.0, 4.0), Point2D(2.0, 2.0))
 ROOM = '[scenario]\nname = "room"\n[floor]\nsize_m = [10.0, 6.0]\n[team]\nrobots = 1\n'
 
 
@@ -138,15 +139,14 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SecuredHosts]:
         commands.stop_all()
 
 
-@pytest.mark.parametrize(("number", "cut_s"), [(0, 3.0), (1, 12.0)])
-def test_cut_between_two_routers_loses_no_task_and_doubles_none(hosts: SecuredHosts, number: int, cut_s: float) -> None:
-    name = hosts.submit(number)
+def test_cut_between_two_routers_loses_no_task_and_doubles_none(hosts: SecuredHosts) -> None:
+    name = hosts.submit(0)
     until(lambda: hosts.states()[TaskState.RUNNING], "no task was begun")
     hosts.network.is_cut = True
     began_s = time.monotonic()
     until(lambda: not hosts.is_up(), "its absence is not noticed")
     noticed_s = time.monotonic() - began_s
-    time.sleep(max(0.0, began_s + cut_s - time.monotonic()))
+    time.sleep(max(0.0, began_s + CUT_S - time.monotonic()))
     assert not hosts.is_up()
     hosts.states()
     hosts.network.is_cut = False
@@ -167,7 +167,7 @@ def test_tasks_are_done_while_packets_are_lost_and_late(hosts: SecuredHosts) -> 
     carried, lost = network.carried, network.lost
     network.loss, network.delay_s = 0.2, 0.2
     try:
-        name = hosts.submit(2)
+        name = hosts.submit(1)
         hosts.until_done(name)
     finally:
         network.loss, network.delay_s = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""An assistant at a live team: MCP's own client gives 50 instructions, ten of them unsafe, to a real server process."""
+"""An assistant at a live team: MCP's own client gives instructions, some of them unsafe, to a real server process."""
 
 import base64
 import io
@@ -11,8 +11,6 @@ import sys
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import closing
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,9 +21,6 @@ from mcp_types import CallToolResult, ImageContent, Implementation, TextContent
 from PIL import Image
 
 from robrain import TaskState, Team
-from robrain.deploy.pki.issuing import folder_of, init, issue
-from robrain.deploy.pki.router import SecuredRouter
-from robrain.protocol.access.member import member
 from robrain.protocol.wire.hub import HUB_VARIABLE
 from tests.system.conftest import Commands
 from tests.system.processes.test_team import LAMP, MANIFEST
@@ -50,70 +45,38 @@ class Said(NamedTuple):
     code: str = ""
 
 
-VISIT = {"kind": "visit", "x_m": 2.0, "y_m": 1.0}
 LONG = {"kind": "visit", "x_m": 1.0, "y_m": 2.0, "service_s": 600.0}
-LATER = {"kind": "visit", "x_m": 1.0, "y_m": 1.0, "earliest_in_s": 3000.0}
 SWITCH = {"robot": "r1", "plugin": "lamp", "function": "switch", "arguments": {"on": True}}
 OUTSIDE = {"kind": "visit", "x_m": 900.0, "y_m": 1.0}
 SCRIPT = [
     # -- looking
     Said("list_robots", {}, "looked", "r1"),
-    Said("team_state", {}, "looked", "2 of 2 robots are up"),
-    Said("robot_state", {"robot": "r1"}, "looked", "battery"),
-    Said("robot_state", {"robot": "r2"}, "looked", "heading"),
     Said("robot_state", {"robot": "r9"}, "refused", "there are: r1, r2", "nobody"),
     Said("list_plugins", {"robot": "r1"}, "looked", "switch(on: bool)"),
-    Said("list_kinds", {}, "looked", "visit"),
-    Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
     Said("show_map", {}, "looked", "y upwards"),
     # -- a task, from its dry run to its end
-    Said("dry_run", VISIT, "looked", "would be accepted"),
     Said("dry_run", OUTSIDE, "refused", "outside of the map", "team"),
-    Said("submit_task", VISIT, "rehearsed", "nothing has been done yet"),
+    Said("submit_task", LONG, "rehearsed", "nothing has been done yet"),
     Said("list_tasks", {"states": ["running", "done"]}, "looked", "there are no such tasks"),
-    Said("submit_task", {**VISIT, "confirm": TOKEN}, "done", "submitted visit-"),
-    Said("explain_task", {"task": LAST}, "looked", "r1: "),
-    Said("list_tasks", {"states": ["queued", "offered", "running", "done"]}, "looked", "by assistant:ann"),
-    Said("submit_task", {**VISIT, "confirm": TOKEN}, "refused", "used already", "no_token"),
-    Said("submit_task", LONG, "rehearsed", "r1"),
     Said("submit_task", {**LONG, "confirm": TOKEN}, "done", "submitted visit-"),
-    Said("cancel_task", {"task": LAST, "reason": "not needed"}, "rehearsed", "would end unfinished"),
+    Said("submit_task", {**LONG, "confirm": TOKEN}, "refused", "used already", "no_token"),
     Said("explain_task", {"task": LAST}, "looked", "r1: "),
+    Said("cancel_task", {"task": LAST, "reason": "not needed"}, "rehearsed", "would end unfinished"),
     Said("cancel_task", {"task": LAST, "reason": "not needed", "confirm": TOKEN}, "done", "cancelled visit-"),
-    Said("cancel_task", {"task": LAST}, "refused", "ended already", "has_ended"),
-    Said("submit_task", LATER, "rehearsed", "it would wait"),
-    Said("submit_task", {**LATER, "x_m": 2.0, "confirm": TOKEN}, "refused", "other arguments", "another_order"),
-    Said("submit_task", {**LATER, "confirm": TOKEN}, "refused", "used already", "no_token"),
-    Said("submit_task", OUTSIDE, "refused", "outside of the map", "team"),
     Said("submit_task", {"kind": "juggle", "x_m": 1.0, "y_m": 1.0}, "refused", "no robot of the team does", "team"),
-    Said("submit_task", {"kind": "visit", "x_m": "north", "y_m": 1.0}, "refused", "x_m", "bad_arguments"),
-    Said("submit_task", {**VISIT, "robots": 2}, "rehearsed", "would be accepted"),
     # -- a plugin that its manifest opens
     Said("call_plugin", SWITCH, "rehearsed", "r1 lamp.switch(on: bool) -> str would be called"),
     Said("call_plugin", {**SWITCH, "confirm": TOKEN}, "done", 'returned "on"'),
-    Said("call_plugin", {**SWITCH, "arguments": {"on": "perhaps"}}, "refused", "on:", "bad_arguments"),
-    Said("call_plugin", {"robot": "r1", "plugin": "driver", "function": "pose"}, "rehearsed", "would be called"),
-    Said("call_plugin", {"robot": "r1", "plugin": "driver", "function": "pose", "confirm": TOKEN}, "done", "x_m"),
-    Said("call_plugin", {"robot": "r1", "plugin": "trumpet", "function": "play"}, "refused", "no such", "no_plugin"),
-    Said("call_plugin", {"robot": "r1", "plugin": "lamp", "function": "burn"}, "refused", "no such", "no_function"),
     # -- unsafe
-    Said("resume", {}, "refused", "a person does", "resume"),
-    Said("load_plugin", {"robot": "r1", "plugin": "/tmp/x"}, "refused", "a person does", "plugins"),
-    Said("lead", {}, "refused", "a person does", "lead"),
+    Said("resume", {}, "refused", "ask a person", "unknown_tool"),
+    Said("load_plugin", {"robot": "r1", "plugin": "/tmp/x"}, "refused", "ask a person", "unknown_tool"),
     Said("call_plugin", {"robot": "r1", "plugin": "driver", "function": "drive", "arguments": {"distance_m": 1.0}},
          "refused", "submit a task", "drive"),
-    Said("call_plugin", {"robot": "r1", "plugin": "wander", "function": "start"}, "refused", "submit a task", "drive"),
-    Said("call_plugin", {"robot": "r1", "plugin": "host", "function": "resume"}, "refused", "a person does", "resume"),
-    Said("call_plugin", {"robot": "r1", "plugin": "command", "function": "call"}, "refused", "no text", "text_form"),
     Said("cancel_task", {"task": "gate"}, "refused", "submitted itself", "not_yours"),
-    Said("submit_task", {**VISIT, "priority": 5.0}, "refused", "priority", "bad_arguments"),
-    Said("submit_task", {**VISIT, "parameters": {"robots": 500}}, "refused", "a field of every task", "bad_arguments"),
     # -- at once
-    Said("halt", {"robot": "r2", "reason": "someone is near it"}, "done", "r2: halted"),
     Said("halt", {"reason": "stop everything"}, "done", "a person ends this"),
     Said("team_state", {}, "looked", "halted by assistant:ann"),
 ]  # fmt: skip
-UNSAFE = 10
 
 
 class Bench(NamedTuple):
@@ -183,8 +146,7 @@ async def _give(bench: Bench, script: list[Said]) -> list[CallToolResult]:
     return results
 
 
-def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_reason(bench: Bench) -> None:
-    assert len(SCRIPT) == 50
+def test_instructions_are_answered_and_the_unsafe_ones_refused_with_the_reason(bench: Bench) -> None:
     results = anyio.run(_give, bench, SCRIPT)
     wrong = [
         f"{number} {said.tool} {said.arguments}: {result.structured_content} {text_of(result)}"
@@ -192,9 +154,6 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
         if not is_as_said(said, result)
     ]
     assert not wrong, "\n".join(wrong)
-    unsafe = ("resume", "plugins", "lead", "drive", "text_form", "not_yours")
-    assert sum(said.code in unsafe for said in SCRIPT) + 2 == UNSAFE  # and two that would overrule by priority, number
-
     picture = next(one for one in results[[said.tool for said in SCRIPT].index("show_map")].content
                    if isinstance(one, ImageContent))  # fmt: skip
     with Image.open(io.BytesIO(base64.b64decode(picture.data))) as image:
@@ -202,10 +161,9 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
         assert len(image.getcolors(maxcolors=100_000) or ()) > 4
 
     assert bench.team is not None
-    # What the team saw: two tasks of the assistant, one of them cancelled; a person's task untouched; a halt.
-    mine = [record for record in bench.team.list() if record.by == "assistant:ann"]
-    assert [record.state for record in mine].count(TaskState.CANCELLED) == 1
-    assert len(mine) == 2
+    # What the team saw: a task of the assistant, cancelled; a person's task untouched; a halt.
+    (mine,) = (record for record in bench.team.list() if record.by == "assistant:ann")
+    assert mine.state is TaskState.CANCELLED
     assert bench.team.get("gate").state is TaskState.QUEUED
     halt = until(lambda: bench.team.state().halt)
     assert (halt.halted, halt.by) == (True, ["assistant:ann"])
@@ -216,7 +174,7 @@ def test_fifty_instructions_are_answered_and_the_unsafe_ones_refused_with_the_re
     assert {(line["by"], line["client"]) for line in lines} == {("assistant:ann", "scripted 1.0")}
     assert [line["verdict"] for line in lines].count("begun") == carried_out
     refused = [line for line in lines if line["verdict"] == "refused"]
-    assert {line["code"] for line in refused} >= {*unsafe, "bad_arguments", "no_token", "another_order"}
+    assert {line["code"] for line in refused} == {said.code for said in SCRIPT if said.verdict == "refused"}
     assert bench.log.stat().st_mode & 0o077 == 0
     bench.team.resume()
 
@@ -241,48 +199,6 @@ def test_a_server_on_http_is_on_this_machine_alone_and_ends_when_told(bench: Ben
     assert re.fullmatch(r"robrain: port taken: another process listens on 127\.0\.0\.1:\d+; .*\n", taken.stderr)
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) in (0, -signal.SIGTERM)
-
-
-def test_a_certificate_allows_an_assistant_what_its_role_may(tmp_path: Path, commands: Commands) -> None:
-    router, hq, vic, desk = (
-        member(role, "blue", name)
-        for role, name in (("router", "site"), ("coordinator", "hq"), ("viewer", "vic"), ("dashboard", "desk"))
-    )
-    pki = tmp_path / "pki"
-    init(pki, "blue", datetime.now(UTC))
-    for who in (router, hq, vic, desk):
-        issue(pki, who, datetime.now(UTC))
-    with closing(SecuredRouter(folder_of(pki, router), "tls/127.0.0.1:0")) as at:
-        words = ("--team", "blue", "--connect", at.endpoint)
-        coordinator = commands.start("--tls", str(folder_of(pki, hq)), "coordinator", *words)
-        commands.line_with(coordinator, "coordinator: of team blue")
-        call = Said("call_plugin", {"robot": "r1", "plugin": "counter", "function": "seconds"}, "refused", "", "role")
-        scripts = {
-            vic: [
-                Said("team_state", {}, "looked", "0 of 0 robots"),
-                Said("dry_run", VISIT, "looked", "would be accepted"),
-                Said("submit_task", VISIT, "refused", "viewer:vic", "role"),
-                Said("halt", {}, "refused", "viewer:vic", "role"),
-                call,
-            ],
-            desk: [
-                Said("submit_task", VISIT, "rehearsed"),
-                Said("submit_task", {**VISIT, "confirm": TOKEN}, "done", "by dashboard:desk"),
-                Said("cancel_task", {"task": LAST}, "rehearsed"),
-                Said("cancel_task", {"task": LAST, "confirm": TOKEN}, "done", "cancelled"),
-                call,
-            ],
-        }
-        for who, script in scripts.items():
-            server = StdioServerParameters(
-                command=sys.executable,
-                args=["-m", "robrain.cli", "--tls", str(folder_of(pki, who)), "assistant", *words, "--log", "log"],
-                env=dict(os.environ),
-                cwd=tmp_path,
-            )
-            results = anyio.run(_give, Bench(None, server, tmp_path / "log"), script)
-            told = [text_of(result) for result in results]
-            assert [is_as_said(said, one) for said, one in zip(script, results, strict=True)] == [True] * 5, told
 
 
 def test_a_client_that_hangs_up_ends_the_server(bench: Bench) -> None:

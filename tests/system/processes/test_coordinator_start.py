@@ -12,16 +12,12 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
-from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_PLANNING
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE
 from robrain.protocol.model.grid_geometry import FREE, GridGeometry
-from tests.asking import until_answered
 from tests.system.conftest import endpoint_of
 from tests.waiting import PATIENCE_S, has_ended, until
 
 pytestmark = pytest.mark.system
-
-POLICY = '[planning]\nmethod = "greedy"\nobjective = "lifetime"\n'
 
 
 def planner_of(pid: int) -> int:
@@ -31,13 +27,6 @@ def planner_of(pid: int) -> int:
             if any("worker_main" in word for word in child.cmdline()):
                 return int(child.pid)
     return 0
-
-
-def test_it_plans_as_its_file_says_except_for_what_the_command_line_does(commands, hub, wire):
-    (commands.folder / "team.toml").write_text(POLICY)
-    commands.coordinator(endpoint_of(hub), "--planning", "team.toml", "--objective", "makespan")
-    status = until_answered(lambda: wire.ask(COORDINATOR_PLANNING))
-    assert (status.method, str(status.objective)) == ("greedy", "makespan")
 
 
 def test_a_map_that_comes_as_soon_as_it_is_live_is_taken_in(commands, hub, wire):

@@ -1,13 +1,11 @@
 """The host alone is light: what it loads, how many threads it has, and what it says of plugins that need more."""
 
-import json
 import subprocess
 import sys
 import time
 
 import pytest
 
-from robrain.deploy.processes.agent_arguments import AgentWords, agent_arguments
 from robrain.deploy.processes.agent_process import Pages, unchanged_pages
 from robrain.protocol.wire.session import open_session
 from tests.bench.host_weight import ALONE, weigh
@@ -63,29 +61,6 @@ def test_a_host_alone_has_few_threads_and_little_memory(commands: Commands, alon
     finally:
         commands.stop_all()
         hub.close()  # type: ignore[no-untyped-call]
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["agent", "r1.toml"], ("r1.toml", None, None)),
-        (["agent", "--connect", "tcp/h:1", "r1.toml"], ("r1.toml", "tcp/h:1", None)),
-        (["agent", "r1.toml", "--connect=tcp/h:1", "--team", "blue"], ("r1.toml", "tcp/h:1", "blue")),
-        (["agent"], None),
-        (["agent", "r1.toml", "r2.toml"], None),
-        (["agent", "r1.toml", "--connect"], None),
-        (["agent", "r1.toml", "--team", "--connect"], None),
-        (["agent", "r1.toml", "--team", "a", "--team", "b"], None),
-        (["agent", "r1.toml", "--tea", "a"], None),
-        (["agent", "--help"], None),
-        (["status"], None),
-        ([], None),
-    ],
-)
-def test_an_agents_plain_arguments_are_read_without_the_library_that_reads_all_others(words, expected) -> None:
-    read = agent_arguments(words)
-    assert json.dumps(read and (str(read.robot), read.connect, read.team)) == json.dumps(expected)
-    assert read is None or isinstance(read, AgentWords)
 
 
 SMAPS = """\

@@ -1,7 +1,6 @@
 """`robrain up --secured`: every part shows a certificate, and nobody without one gets in."""
 
 import json
-import socket
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from robrain.protocol.access.identity import TLS_VARIABLE
 from robrain.protocol.wire.hub import CONNECT_VARIABLE
 from tests.system.attacks.secured_team import open_raw
 from tests.system.conftest import Commands
-from tests.waiting import until
 
 pytestmark = pytest.mark.system
 
@@ -44,27 +42,6 @@ def test_operators_commands_reach_the_team_and_who_has_no_certificate_does_not(c
     assert not Path(hub["tls"]).exists(), "certificates that were made for the run alone are left"
 
 
-def test_a_team_file_with_certificates_keeps_them(commands: Commands) -> None:
-    (commands.folder / "team.toml").write_text(
-        f'[team]\nname = "blue"\nscenario = "arena_small"\npki = "pki"\nport = {_port()}\n'
-        '[[hosts]]\nname = "one"\naddress = "127.0.0.1"\nparts = ["hub", "arena", "coordinator", "r1"]\n'
-    )
-    process = commands.start("up", "team.toml", "--json", stderr=subprocess.DEVNULL)
-    hub = hub_of(commands, process)
-    until(lambda: "r1" in commands.run_here("status", "--team", "blue", **operator(hub)).stdout)
-    doctor = commands.run_until(lambda done: done.returncode == 0, "doctor", "team.toml")
-    assert doctor.stdout.count("ok      certificate: ") == 5
-    process.terminate()
-    process.wait(60)
-    members = {path.name for path in (commands.folder / "pki" / "members").iterdir()}
-    assert members == {"router.site", "arena.sim", "coordinator.hq", "robot.r1", "operator.up"}
-
-
 def test_a_plain_endpoint_is_no_place_for_a_secured_team(commands: Commands) -> None:
     line = commands.refused(*SMALL[:-1], "--secured", "--listen", "tcp/127.0.0.1:0")
     assert line == "robrain: --listen tcp/127.0.0.1:0: expected tls/HOST:PORT for a secured team"
-
-
-def _port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])

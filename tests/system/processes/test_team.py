@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-import zenoh
 
 import robrain
 from robrain import (
@@ -22,14 +21,12 @@ from robrain import (
     Team,
 )
 from robrain.protocol.errors import BadName
-from robrain.protocol.wire.session import listening_at
 from robrain.sim.lockstep.lockstep import LockstepTransport
 from tests.system.conftest import Commands
 from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
 
-VISIT = Task(id="v", kind="visit", place=Point2D(1.0, 2.0))
 LAMP = """
 from robrain import Device, external
 
@@ -121,15 +118,6 @@ def test_a_dry_run_submits_nothing(team: Team) -> None:
         team.dry_run("visit")
 
 
-def test_each_client_gets_ids_that_no_other_has(bench: Bench) -> None:
-    later = {"place": (2, 1), "earliest_s": 900.0}
-    taken = [client.submit("visit", **later).task.id for client in (bench.team, bench.other, bench.team, bench.other)]
-    numbers = [int(task.removeprefix("visit-")) for task in taken]
-    assert numbers == list(range(numbers[0], numbers[0] + 4))
-    for task in taken:
-        bench.team.cancel(task)
-
-
 def test_a_whole_task_is_submitted_once_under_its_id(team: Team) -> None:
     task = Task(id="whole", kind="visit", place=Point2D(1.0, 1.0))
     first, again = (team.submit(task, earliest_s=900.0) for _ in range(2))
@@ -153,67 +141,6 @@ def test_tasks_wait_for_others_by_record_or_id_and_end_in_that_order(team: Team)
     assert refused.value.code is ErrorCode.REFUSED
 
 
-def test_a_wait_ends_after_its_time(team: Team) -> None:
-    task = team.submit("visit", place=(2.0, 1.0), earliest_s=900.0)
-    before_s = team.now_s
-    with pytest.raises(TimeoutError, match=rf"not ended after 0\.5 s: {task.task.id}"):
-        team.wait(task, timeout_s=0.5)
-    assert team.now_s - before_s >= 0.5 - 1e-6
-    team.cancel(task)
-
-
-@pytest.mark.parametrize(
-    ("task", "fields", "said"),
-    [
-        ("fly", {}, "a task to fly needs place"),
-        ("visit", {}, "a task to visit needs place"),
-        ("visit", {"place": (1, 2, 3)}, r"expected place as two numbers, x and y in metres; got \(1, 2, 3\)"),
-        ("visit", {"place": ("a", 1)}, "place.x_m: Expected `float`, got `str`"),
-        ("visit", {"place": (1, 2), "priority": -1.0}, "priority: Expected `float` > 0.0"),
-        ("visit", {"place": (1, 2), "id": "a/b"}, "bad task name 'a/b'"),
-        ("visit", {"place": (1, 2), "parameters": {"mote": "m1"}}, "a task to visit has no mote; it has after, "),
-        ("visit", {"place": (1, 2), "parameters": {"place": (1, 2)}}, "give place as an argument"),
-        ("visit", {"place": (1, 2), "parameters": {"id": "x"}}, "give id as an argument"),
-        (VISIT, {"priority": 2.0}, "task v is whole already: leave out priority"),
-    ],
-)  # fmt: skip
-def test_a_bad_task_is_one_sentence(team: Team, task: str | Task, fields: dict[str, object], said: str) -> None:
-    before = len(team.list())
-    with pytest.raises(BadTask, match=said) as refused:
-        team.submit(task, **fields)
-    assert "\n" not in str(refused.value)
-    assert len(team.list()) == before
-
-
-def test_a_task_of_a_kind_that_no_robot_does_is_refused_with_those_that_they_do(team: Team) -> None:
-    with pytest.raises(CallError, match=r"no robot of the team does a task to vist: .*; did you mean visit\?"):
-        team.submit("vist", place=(2.0, 1.0))
-    assert {"visit", "explore", "recharge"} <= {known.kind for known in team.kinds()}
-
-
-def test_a_refused_task_takes_no_id(team: Team) -> None:
-    for _ in range(2):
-        with pytest.raises(CallError, match="outside of the map"):
-            team.submit("visit", place=(1000.0, 0.0))
-    first, second = (team.submit("visit", place=(2.0, 1.0), earliest_s=900.0).task.id for _ in range(2))
-    assert int(second.removeprefix("visit-")) == int(first.removeprefix("visit-")) + 1
-    for task in (first, second):
-        team.cancel(task)
-
-
-def test_a_place_is_a_place_whatever_its_kind_calls_it(team: Team) -> None:
-    record = team.submit("explore", place=(2.0, 1.0), earliest_s=900.0)
-    assert record.task.place == Point2D(2.0, 1.0)
-    assert record.task.id.startswith("explore-")
-    team.cancel(record)
-
-
-def test_unknown_tasks_are_errors(team: Team) -> None:
-    for ask in (team.get, team.why, team.cancel, team.wait):
-        with pytest.raises(CallError, match="there is no task nobody-asked"):
-            ask("nobody-asked")
-
-
 def test_what_plans_are_for_can_be_changed(team: Team) -> None:
     assert team.set_objective(Objective.MAKESPAN).objective is Objective.MAKESPAN
     assert team.planning().objective is Objective.MAKESPAN
@@ -221,13 +148,6 @@ def test_what_plans_are_for_can_be_changed(team: Team) -> None:
 
 
 # -- robots -----------------------------------------------------------------------------------------------------
-
-
-def test_robots_and_their_states_are_known(team: Team) -> None:
-    assert team.robots == ["r1", "r2"]
-    assert team.state("r2").robot == "r2"
-    assert team.state("r2").battery is not None
-    assert {robot.name for robot in team.state().robots} == {"r1", "r2"}
 
 
 def test_functions_are_called_by_position_by_name_and_as_text(team: Team) -> None:
@@ -309,42 +229,7 @@ def test_a_halted_team_says_who_has_stopped_and_goes_on_when_its_halter_says_so(
     assert not team.state("r1").halted
 
 
-def test_one_robot_is_halted_by_an_operator_and_alone(bench: Bench) -> None:
-    team = bench.team
-    halted = team.halt("r2", by="operator:ann")
-    assert (halted.by, halted.confirmed) == ("operator:ann", ("r2",))
-    assert team.run_for(PATIENCE_S, until=lambda: team.state("r2").halted)
-    assert not team.state("r1").halted
-    assert "bob may not end" in bench.other.resume("r2").unconfirmed["r2"]
-    assert team.resume("r2", by="operator").confirmed == ("r2",)
-
-
 # -- time -------------------------------------------------------------------------------------------------------
-
-
-def test_time_passes_for_as_long_as_it_is_told_or_until_a_condition_holds(team: Team) -> None:
-    began_s = team.now_s
-    assert team.run_for(0.3)
-    assert team.now_s - began_s >= 0.3 - 1e-6
-    looks: list[float] = []
-
-    def third_look() -> bool:
-        looks.append(team.now_s)
-        return len(looks) == 3
-
-    assert team.run_for(PATIENCE_S, until=third_look)
-    assert len(looks) == 3
-    assert not team.run_for(0.3, until=lambda: False)
-
-
-def test_without_a_coordinator_a_live_client_gives_up_with_a_sentence(hub: zenoh.Session) -> None:
-    wanted = "no coordinator of team default"
-    with Team.connect(listening_at(hub)[0], patience_s=0.5) as team:
-        for ask in (team.list, team.planning, team.state, lambda: team.submit("visit", place=(2, 1))):
-            with pytest.raises(NobodyThere, match=wanted):
-                ask()
-        with pytest.raises(NobodyThere, match="no robot of team default is there; the message was sent anyway"):
-            team.halt()
 
 
 def test_a_team_that_nobody_answers_for_is_one_sentence() -> None:
@@ -352,10 +237,3 @@ def test_a_team_that_nobody_answers_for_is_one_sentence() -> None:
         robrain.Team.connect("tcp/127.0.0.1:9")
     with pytest.raises(BadName):
         robrain.Team.connect("tcp/127.0.0.1:9", team="a/b")
-
-
-def test_what_exploration_has_left_is_asked_for(team: Team) -> None:
-    left = team.left()
-    assert left is not None
-    areas_m2 = [region.area_m2 for region in left.regions]
-    assert areas_m2 == sorted(areas_m2, reverse=True)

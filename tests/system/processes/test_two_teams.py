@@ -87,14 +87,5 @@ def test_two_teams_of_one_hub_do_not_see_each_other(commands, hub, where) -> Non
     assert not any(b"only-northern" in payload for payload in payloads["south"])
 
 
-@pytest.mark.parametrize(
-    "words",
-    [("status",), ("halt",), ("task", "list"), ("plugin", "list", "r1"), ("journal", "backup"), ("record",)],
-    ids=" ".join,
-)
-def test_no_command_means_two_teams_at_a_time(commands, words: tuple[str, ...]) -> None:
-    assert "bad team name" in commands.refused(*words, "--team", "*", "--connect", "tcp/127.0.0.1:1")
-
-
 def tasks_of(wire: Endpoint):
     return until_answered(lambda: wire.ask(TASK_LIST, TaskFilter()))

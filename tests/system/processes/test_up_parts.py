@@ -68,21 +68,6 @@ def test_nothing_is_left_when_up_is_killed_even_of_a_process_that_stands_still(c
     assert all(map(has_ended, pids.values()))
 
 
-def test_part_that_always_fails_is_given_up_and_the_exit_status_tells(commands: Commands) -> None:
-    Path(commands.folder / "r9.toml").write_text('[robot]\nname = "r9"\nload = ["nothing"]\n')
-    Path(commands.folder / "team.toml").write_text(
-        f'[team]\nport = {_port()}\n[robots]\nr9 = "r9.toml"\n'
-        '[[hosts]]\nname = "one"\naddress = "127.0.0.1"\nparts = ["hub", "r9"]\n'
-    )
-    process = commands.start("up", "team.toml")
-    line = commands.line_with(process, "is given up")
-    assert line.startswith("r9 ended with status 2 (")
-    assert "no plugin nothing in any place" in line
-    process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 1
-    assert "r9 was started again 5 times, then given up" in (process.stdout.read() if process.stdout else "")
-
-
 def test_two_hosts_of_a_team_file_are_one_team(commands: Commands) -> None:
     port = _port()
     Path(commands.folder / "team.toml").write_text(TEAM_FILE.format(port=port, base="127.0.0.3", cart="127.0.0.2"))

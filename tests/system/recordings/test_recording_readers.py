@@ -17,9 +17,6 @@ import pytest
 
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recovering import recover, with_visual
-from robrain.recording.writer.recorder import Recorder
-from robrain.recording.writer.recording_files import SplitAt
-from robrain.sim.scenarios.scenario import Scenario
 from tests.system.npm_packages import absent, installed
 from tests.waiting import PATIENCE_S
 
@@ -70,29 +67,6 @@ def test_the_official_typescript_reader_counts_what_we_count(typescript: Path, r
         assert found["bytes"] == sum(len(message.payload) for message in messages)
         assert found["metadata"]["robrain.run"]["scenario"] == "depot"
         assert found["attachments"]["scenario.toml"] > 0
-
-
-def test_each_part_of_a_split_recording_is_read_by_itself(
-    typescript: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Recorder] = []
-
-    def split_recorder(*arguments: Any, **options: Any) -> Recorder:
-        made.append(Recorder(*arguments, **options, split=SplitAt(duration_s=2.0)))
-        return made[-1]
-
-    monkeypatch.setattr("robrain.sim.lockstep.lockstep.Recorder", split_recorder)
-    Scenario.builtin("depot").replace(robots=1, motes=2).run(time_limit_s=5.0, record=tmp_path / "run.mcap")
-    summary = made[0].close()
-    found = read_with_typescript(typescript, summary.paths)
-    assert len(found) >= 3
-    # What was known of the map stands at the front of each part but the first, and nothing else was added.
-    known = [part["counts"].pop("robrain/default/robot/rec_run/map", 0) for part in found]
-    assert known[0] == 0
-    assert all(known[1:])
-    wire = sum(n for part in found for key, n in part["counts"].items() if not key.startswith("/visual/"))
-    assert wire == summary.messages
-    assert [part["metadata"]["robrain.part"]["part"] for part in found] == [str(n + 1) for n in range(len(found))]
 
 
 def test_rerun_finds_nothing_wrong(recordings: list[Path], tmp_path: Path) -> None:

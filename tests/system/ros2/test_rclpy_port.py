@@ -39,13 +39,6 @@ def test_texts_pass_in_both_directions(port, listener):
     assert answers[0].data == "yes"
 
 
-def test_a_type_that_is_not_installed_is_left_out(port, monkeypatch):
-    monkeypatch.setattr(rclpy_port, "_class_of", lambda name: None)
-    port.advertise("text", ros.STRING).publish(String("lost"))
-    assert port.subscribe("text", ros.STRING).read() == []
-    assert port.serve("halt", ros.TRIGGER).requests() == []
-
-
 def test_requests_wait_for_their_answers_and_end_with_the_port(port, listener, monkeypatch):
     server = port.serve("halt", ros.TRIGGER)
     client = listener.node.create_client(Trigger, "/robrain/halt")

@@ -24,7 +24,6 @@ from tests.system.ros2.ros_robot import robot_file
 
 pytestmark = pytest.mark.system
 
-ROOM_M2 = 6.0 * 4.0
 BACK_S = 2.0
 GRACE_S = 1.0
 """Beyond a limit, for machines with other work."""
@@ -77,24 +76,6 @@ def wander(team: Team, seconds: float) -> None:
         return True
 
     until(started, "the robot does not wander", pause_s=0.1)
-
-
-def test_a_ros2_robot_explores_a_room_and_then_does_a_task(ros_robot, listener, commands, coordinator, team):
-    """A differential one; the others here are holonomic."""
-    ros_robot(holonomic=False)
-    start_agent(commands, coordinator, mocdevice={"holonomic": False})
-    until(lambda: team.state().known_area_m2 > 0.9 * ROOM_M2, "the room is not explored", pause_s=0.5)
-    done = team.wait(team.submit("visit", place=(5.0, 3.0)), timeout_s=120.0)
-    assert done.state == "done"
-    x_m, y_m = listener.place_m()
-    assert math.hypot(x_m - 5.0, y_m - 3.0) < 0.3
-    state = team.state("r1")
-    assert math.hypot(state.pose.x_m - x_m, state.pose.y_m - y_m) < 0.15
-    assert state.battery is not None
-    assert not state.battery.implausible
-    counters = team.call("r1", "driver", "bus_counters")
-    assert counters["believed"] > 100
-    assert (counters["rejected"], counters["lost"], counters["errors"]) == (0, 0, 0)
 
 
 def test_a_robot_that_hangs_or_whose_node_dies_is_a_named_fault_and_is_back_when_it_speaks_again(
