@@ -10,11 +10,8 @@ from robrain.algorithms.allocation.auction import (
     GREATEST_GAIN,
     LEAST_BID,
     LEAST_PER_PRIZE,
-    drop_unprofitable,
     hold_auction,
-    queue_nearest,
 )
-from robrain.algorithms.allocation.explain import FITS, judge_visit
 from robrain.algorithms.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, RouteBatch, empty_routes
 from robrain.algorithms.allocation.problem import TeamArrays, VisitArrays
 
@@ -155,118 +152,7 @@ def test_bids_are_worked_out_anew_where_waiting_takes_little_energy() -> None:
     _assert_as_plain(team, visits, BY_LEAST_LEFT, LEAST_BID)
 
 
-@pytest.mark.parametrize(("seed", "choice"), [(29, GREATEST_GAIN), (234, LEAST_PER_PRIZE)])
-def test_bids_are_worked_out_anew_where_waits_are_short(seed: int, choice: int) -> None:
-    team, visits = _instance(seed, wait_w=0.0, windows=True)
-    shorter = 1e-3
-    team = team._replace(
-        time_s=team.time_s * shorter,
-        ready_s=team.ready_s * shorter,
-        end_s=team.end_s * shorter,
-        horizon_s=team.horizon_s * shorter,
-    )
-    visits = visits._replace(
-        service_s=visits.service_s * shorter, earliest_s=visits.earliest_s * shorter, latest_s=visits.latest_s * shorter
-    )
-    _assert_as_plain(team, visits, BY_FINISH, choice)
-
-
 def _assert_as_plain(team: TeamArrays, visits: VisitArrays, rule: int, choice: int) -> None:
     routes = empty_routes(team, visits)
     hold_auction(team, visits, routes, np.ones(len(visits.job), np.bool_), rule, choice)
     assert _orders(routes) == _auction(team, visits, rule, choice)
-
-
-@pytest.mark.parametrize("rule", [BY_ENERGY, BY_FINISH])
-@pytest.mark.parametrize("windows", [False, True])
-def test_greedy_queue_takes_the_nearest_visit_of_the_robot_that_is_free_first(rule: int, windows: bool) -> None:
-    for seed in range(8):
-        team, visits = _instance(seed, wait_w=2.0, windows=windows)
-        routes = empty_routes(team, visits)
-        open_visits = np.ones(len(visits.job), np.bool_)
-        queue_nearest(team, visits, routes, open_visits, rule)
-        assert _orders(routes) == _greedy(team, visits, rule), f"seed {seed}"
-
-
-def _greedy(team: TeamArrays, visits: VisitArrays, rule: int) -> list[list[int]]:
-    routes: list[list[int]] = [[] for _ in team.start]
-    free_s = team.ready_s.astype(float).tolist()
-    active, left = set(range(len(routes))), set(range(len(visits.job)))
-    while active:
-        worker = min(active, key=lambda one: (free_s[one], one))
-        place = visits.place[routes[worker][-1]] if routes[worker] else team.start[worker]
-        choices = []
-        for visit in left:
-            way_j = team.energy_j[team.profile[worker], place, visits.place[visit]] + visits.service_j[visit]
-            walk = _walk(team, visits, worker, [*routes[worker], visit])
-            pays = rule != BY_ENERGY or way_j < visits.prize_j[visit]
-            if visits.allowed[worker, visit] and pays and walk.is_in_time and walk.spent_j <= team.usable_j[worker]:
-                choices.append((way_j, visit, walk.end_s - team.end_s[worker, visits.place[visit]]))
-        if not choices:
-            active.remove(worker)
-            continue
-        _, visit, free_s[worker] = min(choices)
-        routes[worker].append(visit)
-        left.remove(visit)
-    return routes
-
-
-def test_visits_and_whole_routes_that_cost_more_than_their_prizes_are_dropped() -> None:
-    dropped = 0
-    for seed in range(12):
-        team, visits = _instance(seed, wait_w=0.0, windows=False)
-        visits = visits._replace(prize_j=visits.prize_j / 4)
-        routes = empty_routes(team, visits)
-        open_visits = np.ones(len(visits.job), np.bool_)
-        hold_auction(team, visits, routes, open_visits, BY_FINISH, LEAST_BID)  # does not look at prizes
-        kept = np.zeros(len(visits.job), np.bool_)
-        kept[::5] = True
-        before = _orders(routes)
-        drop_unprofitable(team, visits, routes, open_visits, kept)
-        after = _orders(routes)
-        dropped += sum(map(len, before)) - sum(map(len, after))
-        assert after == [_profitable(team, visits, kept, worker, route) for worker, route in enumerate(before)]
-        assert open_visits.tolist() == [not any(visit in route for route in after) for visit in range(12)]
-    assert dropped > 5
-
-
-def _profitable(team: TeamArrays, visits: VisitArrays, kept: np.ndarray, worker: int, route: list[int]) -> list[int]:
-    route = list(route)
-
-    def spent_j(visits_left: list[int]) -> float:
-        return _walk(team, visits, worker, visits_left).spent_j
-
-    while route:
-        losses = [(spent_j(route) - spent_j([v for v in route if v != visit]) - visits.prize_j[visit], -position)
-                  for position, visit in enumerate(route) if not kept[visit]]  # fmt: skip
-        if not losses or max(losses)[0] <= 1e-9:
-            break
-        del route[-max(losses)[1]]
-    is_kept = any(kept[visit] for visit in route)
-    return route if is_kept or sum(visits.prize_j[visit] for visit in route) >= spent_j(route) else []
-
-
-def test_judgement_of_a_visit_is_that_of_its_cheapest_insertion() -> None:
-    judged = []
-    for seed in range(20):
-        team, visits = _instance(seed, wait_w=0.5, windows=seed % 2 == 1)
-        routes = empty_routes(team, visits)
-        open_visits = np.ones(len(visits.job), np.bool_)
-        hold_auction(team, visits, routes, open_visits, BY_ENERGY, GREATEST_GAIN)
-        orders = _orders(routes)
-        for visit in np.flatnonzero(open_visits):
-            for worker in range(len(orders)):
-                more_j, _, position = _bid(team, visits, orders, worker, visit, BY_ENERGY)
-                code, *_, found = judge_visit(team, visits, routes, worker, visit)
-                assert (code == FITS) == (position >= 0)
-                if code == FITS:
-                    before, after = orders[worker][:position], orders[worker][position:]
-                    walk = _walk(team, visits, worker, [*before, visit, *after])
-                    told = judge_visit(team, visits, routes, worker, visit)
-                    assert found == position
-                    assert told[1] == pytest.approx(more_j)
-                    assert told[2] == pytest.approx(walk.end_s - routes.end_s[worker])
-                    assert told[4] == pytest.approx(team.usable_j[worker] - walk.spent_j)
-                judged.append(code)
-    assert judged.count(FITS) > 10
-    assert len(set(judged)) > 2

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from robrain.algorithms.energy.battery_tracker import GaugeCheck, GaugeLimits
@@ -48,19 +49,6 @@ def test_jump_is_what_the_change_of_current_does_not_explain(jump_v, is_sound):
     assert is_sound or why == f"the voltage jumped by {jump_v:+.2f} V"
 
 
-@pytest.mark.parametrize(("since_s", "is_sound"), [(1.5, False), (1.501, True)])
-def test_after_a_silence_no_change_is_a_jump(since_s, is_sound):
-    assert (judge(fresh(), voltage_v=14.0, since_s=since_s) == "") is is_sound
-
-
-@pytest.mark.parametrize("changes", [{"current_a": 1.0}, {"voltage_v": 15.0}])
-def test_gauge_is_frozen_only_if_both_stay_the_same(changes):
-    check = fresh()
-    assert judge(check, voltage_v=15.0, current_a=1.0, since_s=3.9) == ""
-    assert judge(check, **({"voltage_v": 15.001, "current_a": 1.001} | changes), since_s=3.9) == ""
-    assert judge(check, voltage_v=15.0 + 0.0005, current_a=1.0005, since_s=3.9) == ""
-
-
 def test_gauge_is_frozen_after_its_time_and_the_time_counts_anew_after_a_change():
     check = fresh()
     assert judge(check, 15.0, 1.0, since_s=3.9) == ""
@@ -94,36 +82,9 @@ def test_charger_may_feed_the_robot_until_the_battery_is_seen_to_discharge():
     assert "no charger feeds it" in asleep(check, 0.0, 0.2)
 
 
-def test_current_between_two_sleeps_wakes_the_gauge():
-    check = fresh()
-    assert asleep(check, 0.0, 4.0, 0.001) == ""
-    assert asleep(check, 1.0, 0.2, 0.002) == ""
-    assert asleep(check, 0.0, 4.0, 0.003) == ""
-
-
-def test_contradiction_is_a_mean_over_its_time():
-    check = fresh()
-    mean_v = 0.0
-    while mean_v <= 0.3:
-        assert check.reason == ""
-        mean_v += 0.2 / 3.0 * (0.5 - mean_v)
-        why = judge(check, 15.0 + 0.001 * (mean_v > 0.1), 1.0 + mean_v / 1000, off_v=0.5)
-    assert "contradicts" in why
-    expected_v = 15.001 - mean_v
-    assert why == f"15.00 V contradicts {1.0 + mean_v / 1000:.2f} A: {expected_v:.2f} V expected"
-
-
 @pytest.mark.parametrize(("off_v", "is_sound"), [(0.299, True), (0.301, False), (-0.299, True), (-0.301, False)])
 def test_contradiction_that_lasts_is_found_on_both_sides(off_v, is_sound):
     assert (judge(fresh(), since_s=3.0, off_v=off_v) == "") is is_sound
-
-
-@pytest.mark.parametrize("off_v", [7.0, -7.0])
-def test_one_wild_estimate_counts_as_two_volts_at_the_most(off_v):
-    check = fresh()
-    assert judge(check, since_s=0.4, off_v=off_v) == ""  # 0.27 V of the mean
-    assert judge(check, since_s=0.2) == ""
-    assert judge(fresh(), since_s=60.0, off_v=0.29) == ""  # the mean is never beyond what was measured
 
 
 def test_silence_is_stale_beyond_its_limit_and_before_it_nothing_new():
@@ -161,3 +122,30 @@ def test_empty_voltage_range_is_refused():
     with pytest.raises(ValueError, match="expected voltage_max_v above voltage_min_v"):
         GaugeLimits(voltage_min_v=12.0, voltage_max_v=12.0)
     GaugeLimits(temperature_min_c=-1.0, temperature_max_c=-0.5)
+
+
+RESISTANCE_OHM = 0.15
+
+
+class Gauge:
+    """Measures a pack of 15 V behind a resistance, five times a second, with noise."""
+
+    def __init__(self, **limits: float) -> None:
+        self.check = GaugeCheck(GaugeLimits(**limits))
+        self.rng = np.random.default_rng(1)
+
+    def sound(self, seconds: float, current_a: float = 0.8) -> None:
+        for _ in range(round(seconds / 0.2)):
+            noisy_a = current_a + self.rng.normal(0.0, 0.01)
+            self.tell(15.0 - RESISTANCE_OHM * noisy_a + self.rng.normal(0.0, 0.01), noisy_a)
+
+    def tell(self, voltage_v: float, current_a: float, temperature_c: float = 25.0) -> bool:
+        expected_v = 15.0 - RESISTANCE_OHM * current_a
+        return self.check.judge(voltage_v, current_a, temperature_c, 0.2, expected_v, RESISTANCE_OHM)
+
+
+def test_a_sound_gauge_is_believed_whatever_the_robot_does():
+    gauge = Gauge()
+    for current_a in (0.8, 4.0, 0.5, -1.5, 0.0, 1.0):  # drives, stands, charges, is full, leaves
+        gauge.sound(30.0, current_a)
+        assert gauge.check.reason == ""

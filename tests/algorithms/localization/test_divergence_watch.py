@@ -42,15 +42,3 @@ def test_scans_in_a_row_that_do_not_fit_are_counted():
     assert one.check_scan(0.399).startswith("3 scans in a row")
     assert one.check_scan(0.3).startswith("4 scans in a row")
     assert one.check_scan(0.4) == ""
-
-
-def test_to_begin_anew_is_to_forget_all_but_how_many_were_refused():
-    one = watch(misfits_max=2)
-    for _ in range(3):
-        one.check_signal(99.0)
-    one.check_scan(0.0)
-    one.reset()
-    assert one.mean_nis == 0.0
-    assert one.refused == 3
-    assert [one.check_signal(9.0) for _ in range(3)] == [""] * 3
-    assert one.check_scan(0.0) == ""

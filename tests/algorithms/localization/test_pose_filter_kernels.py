@@ -85,13 +85,6 @@ def test_a_prediction_is_that_of_the_motion_linearised(
     assert not covariance[SIZE:].any()
 
 
-def test_a_turn_on_the_spot_leaves_the_shadowings_as_they_are() -> None:
-    mean, covariance = np.arange(CAPACITY, dtype=float), np.eye(CAPACITY)
-    kernels.predict(mean, covariance, SIZE, 0.0, 0.0, 0.5, WALKS, SHADOW_DB2, DECORRELATION_M)
-    assert mean[6:SIZE].tolist() == [6.0, 7.0]
-    assert np.array_equal(covariance[6:, 6:], np.eye(3))
-
-
 def kalman(mean: Floats, covariance: Floats, row: Floats, innovation: float, variance: float) -> tuple[Floats, Floats]:
     """Mean and covariance after a measurement, by the textbook."""
     expected = row @ covariance @ row + variance

@@ -49,14 +49,3 @@ def test_a_beam_agrees_that_ends_at_a_wall_and_goes_through_none(seed, walls):
     share, count = agreement(log_odds, GEOMETRY, sensor, points)
     assert count == len(compared)
     assert share == pytest.approx(sum(compared) / max(len(compared), 1))
-
-
-def test_what_the_map_shows_within_the_robots_own_body_blocks_nothing():
-    log_odds = np.zeros(GEOMETRY.shape, np.int8)
-    log_odds[10, 30] = 50
-    sensor, points = Pose2D(0.35, 1.45, 0.0), np.array([(2.0, 0.0)])
-    assert agreement(log_odds, GEOMETRY, sensor, points) == (1.0, 1)
-    for column, is_blocked in ((14, False), (16, True), (26, True), (28, False)):
-        shown = log_odds.copy()
-        shown[10, column] = 50
-        assert agreement(shown, GEOMETRY, sensor, points) == (0.0 if is_blocked else 1.0, 1)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from robrain.algorithms.mapping.map_accuracy import OFF_M, measure_map_accuracy
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
-MAP = GridGeometry(0.1, -1.0, 2.0, 60, 40)
 PLAN = GridGeometry(0.05, -1.0, 2.0, 120, 80)
 """The same floor of 6 × 4 m at twice the resolution."""
 WALL_COLUMN = 60
@@ -24,21 +23,6 @@ def floor(geometry=PLAN, column=WALL_COLUMN):
     if column is not None:
         walls[:, column] = True
     return walls
-
-
-def measure(classes, walls=None, geometry=MAP, plan=PLAN):
-    return measure_map_accuracy(classes, geometry, floor() if walls is None else walls, plan)
-
-
-def test_everything_beyond_the_edge_of_the_plan_counts_as_wall():
-    open_floor = np.zeros(PLAN.shape, np.bool_)
-    classes = np.full(MAP.shape, UNKNOWN)
-    classes[20, [0, 2, 3, 57, 59]] = OCCUPIED  # 0.05, 0.25, 0.35, 0.25 and 0.05 m from an edge
-    assert measure(classes, open_floor).cells_off == 1
-    larger = GridGeometry(0.1, -3.0, 0.0, 120, 80)
-    outside = np.full(larger.shape, FREE)
-    outside[5, 5] = outside[79, 119] = OCCUPIED
-    assert measure(outside, open_floor, larger).cells_off == 0
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.04, 0.1, 0.23]), st.sampled_from([0.0, 0.013, -0.371]))

@@ -1,3 +1,5 @@
+"""Whether a straight line between two places touches only cells that may be driven on."""
+
 import heapq
 import math
 from itertools import pairwise
@@ -8,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.path_planning import (
-    CUT_CELLS,
-    _search,
     distance_field,
+    is_chord_clear,
     nearest_traversable,
     plan_path,
     round_corners,
@@ -19,8 +20,6 @@ from robrain.algorithms.navigation.path_planning import (
 
 OPEN = np.ones((12, 16), np.bool_)
 EVEN = np.ones(OPEN.shape, np.float32)
-WALLED = OPEN.copy()
-WALLED[:10, 8] = False
 
 
 def random_world(seed: int, *, even: bool = False) -> tuple[np.ndarray, np.ndarray, tuple[int, int], tuple[int, int]]:
@@ -89,22 +88,6 @@ def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
     assert field == pytest.approx(cheapest(traversable, cost, source))
 
 
-@pytest.mark.slow
-@settings(deadline=None, max_examples=33)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 1.0]), st.sampled_from([10.0, 1e3, 1e7]))
-def test_distance_field_is_right_however_much_costs_differ(seed: int, least: float, times: float) -> None:
-    traversable, cost, source, _ = random_world(seed)
-    cost = np.where(cost > np.median(cost), cost * times, least).astype(np.float32)
-    field = distance_field(traversable, cost, np.array([source], np.int64))
-    assert field == pytest.approx(cheapest(traversable, cost, source))
-
-
-def test_search_for_one_goal_looks_at_a_part_of_the_floor_only() -> None:
-    mask, cost = np.ones((80, 80), np.bool_), np.ones((80, 80), np.float32)
-    parent = _search(mask, cost, 40, 40, 40, 60)
-    assert 20 <= (parent >= 0).sum() < 0.05 * parent.size
-
-
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_shortened_path_sees_from_corner_to_corner(seed: int) -> None:
@@ -120,26 +103,6 @@ def test_shortened_path_sees_from_corner_to_corner(seed: int) -> None:
         rows = np.linspace(row, to_row, 400)
         columns = np.linspace(column, to_column, 400)
         assert traversable[np.rint(rows).astype(int), np.rint(columns).astype(int)].all()
-
-
-def test_path_to_where_one_stands_is_that_cell() -> None:
-    path = plan_path(OPEN, EVEN, (3, 3), (3, 3))
-    assert path is not None
-    assert path.tolist() == [[3, 3]]
-
-
-def test_sources_in_walls_and_outside_are_passed_over() -> None:
-    field = distance_field(WALLED, EVEN, np.array([[0, 8], [-1, 0], [40, 2]]))
-    assert np.isinf(field).all()
-    assert np.isinf(distance_field(WALLED, EVEN, np.empty((0, 2), np.int64))).all()
-
-
-def test_path_is_kept_where_a_stricter_mask_forbids_its_cells() -> None:
-    path = plan_path(OPEN, EVEN, (5, 0), (5, 15))
-    assert path is not None
-    roomy = OPEN.copy()
-    roomy[:, 6:9] = False
-    assert shorten_path(path, roomy)[:, 1].tolist() == [0, 5, 6, 7, 8, 9, 15]
 
 
 def test_nearest_traversable_cell_is_found_within_its_radius() -> None:
@@ -161,14 +124,6 @@ def test_corner_is_cut_twice_each_time_at_a_quarter_of_its_shorter_side() -> Non
     assert rounded == pytest.approx(np.array(expected))
 
 
-def test_no_more_is_cut_off_a_corner_than_two_radii_of_a_robot() -> None:
-    open_floor = np.ones((80, 80), np.bool_)
-    rounded = round_corners(np.array([[0, 0], [0, 60], [60, 60]], np.int32), open_floor)
-    back = math.sqrt(2.0)
-    expected = [(0, 0), (0, 60 - CUT_CELLS - back), (1, 57), (3, 59), (CUT_CELLS + back, 60), (60, 60)]
-    assert rounded == pytest.approx(np.array(expected))
-
-
 def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor() -> None:
     short = np.array([[0, 0], [0, 2], [2, 2]], np.int32)
     assert round_corners(short, np.ones((20, 20), np.bool_)).tolist() == short.tolist()
@@ -176,3 +131,27 @@ def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor(
     corridor[0], corridor[:, 12] = True, True
     bent = np.array([[0, 0], [0, 12], [16, 12]], np.int32)
     assert round_corners(bent, corridor).tolist() == bent.tolist()
+
+
+FLOOR = np.ones((6, 8), np.bool_)
+
+
+def plainly_clear(mask: np.ndarray, begin: np.ndarray, end: np.ndarray) -> bool:
+    steps = math.floor(10.0 * math.dist(begin, end)) + 1
+    for k in range(steps + 1):
+        row, column = np.floor(begin + k / steps * (end - begin) + 0.5).astype(int)
+        if not (row in range(mask.shape[0]) and column in range(mask.shape[1]) and mask[row, column]):
+            return False
+    return True
+
+
+def test_line_is_clear_if_each_sample_of_it_is_for_any_cells() -> None:
+    draw = np.random.default_rng(4)
+    seen = []
+    for _ in range(600):
+        mask = draw.random(FLOOR.shape) < 0.9
+        begin = draw.uniform((-0.4, -0.4), (5.4, 7.4))
+        end = begin + draw.normal(0.0, 1.2, 2)
+        seen.append(is_chord_clear(mask, *begin, *end))
+        assert seen[-1] == plainly_clear(mask, begin, end)
+    assert 150 < sum(seen) < 450

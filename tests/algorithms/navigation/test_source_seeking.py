@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.source_seeking import MOTES_MAX, SAMPLES_MAX, FieldSamples
+from robrain.algorithms.navigation.source_seeking import FieldSamples
 from robrain.protocol.model.geometry import Point2D
 
 
@@ -37,11 +37,6 @@ def test_a_paraboloid_is_found_but_for_the_ridge():
     assert not fit.is_flat
 
 
-def test_the_slope_of_a_plume_points_to_its_source():
-    fit = sampled(plume, CIRCLE).fit(Point2D(0.0, 0.0), 13.0, 2.5)
-    assert math.atan2(fit.slope[1], fit.slope[0]) == pytest.approx(math.atan2(1.0, 3.0), abs=0.05)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_the_source_within_the_circle_is_found_in_noise(seed):
     noise = 0.2 * np.random.default_rng(seed).standard_normal(39)
@@ -66,22 +61,3 @@ def test_a_flat_field_in_noise_has_no_slope():
         fit = sampled(lambda _x, _y: 20.0, CIRCLE, noise=noise).fit(Point2D(0.0, 0.0), 13.0, 2.5)
         flat += fit.is_flat and fit.summit is None
     assert flat >= 15
-
-
-def test_readings_in_line_give_the_slope_along_alone():
-    fit = sampled(lambda x, _y: 2.0 * x, [(0.2 * step, 0.0) for step in range(10)]).fit(Point2D(0.9, 0.0), 10.0, 2.5)
-    assert fit.slope[0] == pytest.approx(2.0, abs=0.1)
-    assert fit.slope[1] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_of_a_mote_the_latest_reading_counts_and_memory_is_bounded():
-    samples = FieldSamples()
-    for number in range(2 * SAMPLES_MAX):
-        samples.add(Point2D(0.0, 0.0), 1.0, float(number))
-    assert len(samples) == SAMPLES_MAX
-    for time_s, value in ((10.0, 5.0), (9.0, 7.0), (11.0, 6.0), (10.5, 8.0)):
-        samples.receive("m1", Point2D(1.0, 0.0), value, time_s)
-    assert samples._of_motes["m1"].value == 6.0
-    for number in range(2 * MOTES_MAX):
-        samples.receive(f"m{number}", Point2D(1.0, 0.0), 1.0, 1.0)
-    assert len(samples) == SAMPLES_MAX + MOTES_MAX

@@ -42,29 +42,6 @@ def test_a_scan_is_found_on_the_map_in_whatever_direction_it_was_made(place, yaw
     assert off_rad < math.tau / YAWS
 
 
-def test_places_come_best_first_and_no_more_of_them_than_asked_for():
-    points = ROOM.points(Pose2D(2.3, 4.1, 0.8))
-    found = search_places(ROOM_MAP, GEOMETRY, points, 1000)
-    scores = [score for score, _ in found]
-    assert len(found) > 3
-    assert scores == sorted(scores, reverse=True)
-    for count in (0, 1, 3):
-        assert search_places(ROOM_MAP, GEOMETRY, points, count) == found[:count]
-
-
-@pytest.mark.parametrize(
-    ("log_odds", "points"),
-    [
-        (np.zeros((30, 30), np.int8), np.ones((40, 2))),
-        (np.full((30, 30), -50, np.int8), np.ones((40, 2))),  # floor without walls
-        (np.full((30, 30), 50, np.int8), np.zeros((40, 2))),  # walls without floor
-        (ROOM_MAP, np.empty((0, 2))),
-    ],
-)
-def test_where_there_is_nothing_nothing_is_found(log_odds, points):
-    assert search_places(log_odds, GridGeometry(0.1, 0.0, 0.0, *log_odds.shape[::-1]), points, 10) == []
-
-
 def test_memory_for_places_is_bounded():
     """One point beside a wall lies on it in all directions, from nearly everywhere."""
     log_odds = np.full((300, 300), -50, np.int8)
