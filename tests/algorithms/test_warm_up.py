@@ -77,5 +77,5 @@ if __name__ == "__main__":
     assert not any(compiled().values()), "importing the model compiled something"
     warm_up()
     warm = compiled()
-    Scenario.builtin("arena_small").replace(seed=3, robots=3, max_s=40.0).run()
+    Scenario.builtin("arena_small").replace(seed=3, robots=3, time_limit_s=40.0).run()
     assert compiled() == warm, f"after the warm-up {warm}, in use {compiled()}"

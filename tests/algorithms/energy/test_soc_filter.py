@@ -132,9 +132,6 @@ def with_covariance(one: SocFilter, entries: dict[tuple[int, int], float]) -> So
     return one
 
 
-# -- energy left ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("soc", "area_v"), [(0.25, 3.125), (0.5, 6.5), (0.75, 10.125), (1.0, 14.0)])
 def test_the_area_is_counted_over_all_pieces_of_the_curve(soc, area_v):
     one = straight()
@@ -175,9 +172,6 @@ def test_a_pack_below_its_end_has_nothing_left_and_no_less_than_nothing():
     assert one.interval_j()[1] == 0.0
 
 
-# -- state of charge --------------------------------------------------------------------------------------------
-
-
 def test_a_first_voltage_is_taken_without_what_the_load_drops():
     one = straight(resistance_ohm=0.25, relaxation_share=0.5, curve_sd_v=0.08)
     one.start_from(13.5, 2.0)
@@ -185,8 +179,6 @@ def test_a_first_voltage_is_taken_without_what_the_load_drops():
     # Of the curve, of one measurement, and of not knowing how far it has relaxed, over 4 V.
     assert one.soc_sd == pytest.approx(math.sqrt(0.08**2 + 0.02**2 + (2.0 * 0.25 * 1.5) ** 2) / 4.0)
 
-
-# -- the filter against whole matrices --------------------------------------------------------------------------
 
 STATE = (0.45, 0.05, 0.01, 0.15, 0.9)
 

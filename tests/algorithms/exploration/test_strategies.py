@@ -265,9 +265,6 @@ def test_robot_is_sent_nowhere_it_avoids_and_nowhere_without_a_way():
     assert tours(straight([one], [])) == []
 
 
-# -- the tours themselves ---------------------------------------------------------------------------------------
-
-
 @st.composite
 def problems(draw):
     robots, places = draw(st.integers(1, 3)), draw(st.integers(1, 7))
@@ -291,24 +288,6 @@ def test_every_place_that_can_be_reached_is_in_one_tour_of_a_robot_that_reaches_
     made = plan_tours(Places(*problem, FAR_M))
     assert sorted(place for tour in made for place in tour) == np.nonzero(np.isfinite(first_m).any(axis=0))[0].tolist()
     assert all(math.isfinite(first_m[robot, place]) for robot, tour in enumerate(made) for place in tour)
-
-
-# -- costs between frontiers ------------------------------------------------------------------------------------
-
-
-# -- the default ------------------------------------------------------------------------------------------------
-
-
-def test_up_to_four_robots_are_sent_on_tours_and_more_jointly_whoever_is_busy():
-    near, rich = candidate(2.0, unknown_m2=3.5), candidate(8.0, unknown_m2=12.0)
-    alone = straight([near, rich], [seeker("r1")])
-    assert goals(tours(alone)) != goals(joint(alone))
-    assert auto(alone) == tours(alone)
-    for others in (3, 4):
-        busy = [Busy(Point2D(0.0, 40.0), Point2D(0.0, 50.0 + index)) for index in range(others)]
-        situation = straight([candidate(2.0, unknown_m2=4.2), rich], [seeker("r1")], busy)
-        assert goals(tours(situation)) != goals(joint(situation))
-        assert auto(situation) == (tours if others == 3 else joint)(situation)
 
 
 ROOMS_GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 60)
@@ -364,9 +343,6 @@ def test_way_against_another_robots_way_costs_more_and_one_behind_it_does_not():
     assert meetings_m(behind).tolist() == [[0.0, 0.0], [0.0, 0.0]]
 
 
-# -- the default ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("robots", "room_m2", "known_m2", "by_rooms"),
     [
@@ -388,9 +364,6 @@ def test_three_robots_and_more_are_sent_by_rooms_where_those_are_small(robots, r
     assert xs_m(rooms(situation)) == {"r1": 6.0}
     assert xs_m(tours(situation)) == xs_m(joint(situation)) == {"r1": -2.0}
     assert (auto(situation) == rooms(situation)) is by_rooms
-
-
-# -- what the map shows -----------------------------------------------------------------------------------------
 
 
 def two_rooms():

@@ -67,10 +67,3 @@ def test_only_the_last_entries_are_kept() -> None:
     for stamp_ns, pose in TRACK:
         track.add(stamp_ns, pose)
     assert track.pose_at(150) == TRACK[1][1]
-
-
-@given(st.integers(100, 400))
-def test_each_entry_is_met_and_ways_are_straight(stamp_ns: int) -> None:
-    found = PoseTrack(ORIGIN, 8, TRACK).pose_at(stamp_ns)
-    expected = (stamp_ns - 100) / 100 if stamp_ns <= 200 else 1.0 + (stamp_ns - 200) / 100
-    assert found.x_m == pytest.approx(expected)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.algorithms.localization.scan_match import without_dropouts
 from robrain.algorithms.mapping.map_accuracy import OFF_M, measure_map_accuracy
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
@@ -57,3 +58,34 @@ def distance_to_wall_m(place, walls, plan):
         dy_m = max(low_y_m - y_m, y_m - low_y_m - plan.resolution_m, 0.0)
         least_m = min(least_m, math.hypot(dx_m, dy_m))
     return least_m
+
+
+BEAMS = 12
+
+
+def ranges(*missed, miss_m=6.0):
+    ranges_m = np.full(BEAMS, 2.0)
+    ranges_m[list(missed)] = miss_m
+    return ranges_m
+
+
+@pytest.mark.parametrize("miss_m", [6.0, 7.5, math.inf, math.nan])
+@pytest.mark.parametrize(
+    ("missed", "dropped"),
+    [
+        ((), []),
+        ((5,), [5]),
+        ((3, 5), [3, 5]),
+        ((4, 5, 6), [4, 5, 6]),
+        ((4, 5, 6, 7), []),
+        ((4, 5, 6, 7, 8), []),
+        ((1, 4, 5, 6, 7), [1]),
+        ((0, 11), [0, 11]),
+        ((0, 1, 10, 11), []),
+        (range(BEAMS), []),
+    ],
+)
+def test_fewer_than_four_neighbouring_beams_without_a_return_say_nothing(missed, dropped, miss_m):
+    heard_m = without_dropouts(ranges(*missed, miss_m=miss_m), 6.0, 4)
+    silent = [beam for beam in range(BEAMS) if math.isnan(heard_m[beam])]
+    assert silent == (sorted(missed) if math.isnan(miss_m) else dropped)

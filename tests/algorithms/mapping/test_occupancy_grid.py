@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+from robrain.algorithms.slam.map_overlap import wall_points
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.algorithms.mapping.grid_reference import GridReference
+from tests.algorithms.slam.test_map_overlap import WIDE
 
 GEOMETRY = GridGeometry(0.1, -1.0, -2.0, 40, 30)
 NOBODY = np.empty((0, 3))
@@ -185,3 +187,9 @@ def test_a_box_that_is_erased_is_as_if_never_seen():
     assert grid.dirty.any()
     assert grid.erase(4, 3, 9, 11) == 0
     assert grid.version == version + 1, "there was nothing left to erase"
+
+
+def test_the_middles_of_occupied_cells_are_the_points():
+    grid = OccupancyGrid(WIDE)
+    grid.merge_patch(100, 120, np.array([[OCCUPIED, FREE], [UNKNOWN, OCCUPIED]], np.int8), 10)
+    assert wall_points(grid) == pytest.approx(np.array([(0.05, -1.95), (0.15, -1.85)]))

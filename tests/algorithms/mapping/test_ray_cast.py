@@ -15,7 +15,6 @@ from robrain.algorithms.mapping.ray_cast import (
     MIRROR_WEST,
     SOLID,
     cast_rays,
-    cast_rays_on_surfaces,
 )
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -113,7 +112,7 @@ def floor(x_m=None, surface=SOLID, cells=1):
 
 
 def cast(surfaces, *angles_rad, sensor=SENSOR, circles=NO_CIRCLES, range_max_m=9.0, echo_rad=ECHO_RAD):
-    return cast_rays_on_surfaces(surfaces, GEOMETRY, sensor, np.array(angles_rad), range_max_m, circles, echo_rad)
+    return cast_rays(surfaces, GEOMETRY, sensor, np.array(angles_rad), range_max_m, circles, echo_rad)
 
 
 @settings(deadline=None, max_examples=15)

@@ -122,13 +122,6 @@ def test_shape_is_kept_and_a_view_may_be_given(function) -> None:
     np.testing.assert_allclose(arctan2(square, square.T.reshape(3, 4)), np.arctan2(square, square.T.reshape(3, 4)))
 
 
-GRID = np.arange(12, dtype=np.float64).reshape(3, 4)
-
-
-def test_an_array_that_is_as_wanted_is_handed_on_itself():
-    assert kernel_array(GRID, FLOAT64) is GRID
-
-
 @given(
     arrays.arrays(st.sampled_from([np.bool_, np.int8, np.int32]), arrays.array_shapes(max_dims=2, max_side=4)),
     st.sampled_from([BOOL, INT8, INT32, INT64, FLOAT32, FLOAT64]),
