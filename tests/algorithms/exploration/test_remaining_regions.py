@@ -156,3 +156,16 @@ def strip(length=20):
 
 def test_two_frontiers_share_what_is_between_them():
     assert unknown_shares(strip(), [(0, 1), (0, 18)], 100).tolist() == [8, 8]
+
+
+def test_an_unseen_region_behind_a_gap_that_may_be_too_narrow_has_its_width() -> None:
+    (region,) = left(drawn(*wall_with_gap(3), DOORWAY)).regions
+    assert (region.kind, region.gap_m, region.needed_m) == (LeftKind.UNSEEN, pytest.approx(0.4), 0.44)
+    gap = Gap(Point2D(3.8, 5.15), 0.41, 1, 0)
+    (region,) = left(drawn(*wall_with_gap(3), DOORWAY), gaps=[gap]).regions
+    assert (region.kind, region.gap_m) == (LeftKind.TOO_NARROW, 0.41)
+
+
+def test_a_frontier_where_robots_failed_twice_is_tried() -> None:
+    (region,) = left(drawn(DOORWAY), failures=[(Point2D(8.0, 5.0), 2)]).regions
+    assert region.kind is LeftKind.TRIED

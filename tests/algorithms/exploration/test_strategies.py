@@ -47,6 +47,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.registry import UnknownEntry
+from robrain.sim.scenarios.scenario import Scenario
 from tests.installed_distributions import install
 
 __all__ = ["install"]
@@ -387,3 +388,10 @@ def test_map_tells_the_rooms_and_shares_of_frontiers():
     assert look.room_m2 == pytest.approx((16.0**2 + 15.67**2) / (16.0 + 15.67), abs=0.05)
     assert look.shares_m2[0] == pytest.approx(4.0)
     assert look.shares_m2[1] > 8.0
+
+
+@pytest.mark.slow
+def test_a_team_explores_a_floor_by_the_nearest_frontier() -> None:
+    scenario = Scenario.builtin("arena_small").replace(seed=3, robots=2, planning=PlanningPolicy(exploration=NEAREST))
+    run = scenario.run()
+    assert run.explored_fraction > 0.9

@@ -110,3 +110,12 @@ def test_a_gyroscope_that_contradicts_the_wheels_is_not_used_until_it_agrees(sca
     before_rad, turned_rad = base.yaw_rad, base.turned_rad
     base.run(2.0, 0.5, 0.8)
     assert base.yaw_rad - before_rad == pytest.approx(base.turned_rad - turned_rad, abs=0.02)
+
+
+def test_steady_turning_of_another_value_for_five_seconds_is_another_bias() -> None:
+    base = Base().stand(2.0)
+    base.bias_rad_s = 0.12
+    base.stand(4.9)
+    assert base.gyro.bias_rad_s == pytest.approx(0.05)
+    base.stand(1.0)
+    assert base.gyro.bias_rad_s == pytest.approx(0.12)

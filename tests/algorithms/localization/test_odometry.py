@@ -67,3 +67,9 @@ def test_only_the_last_entries_are_kept() -> None:
     for stamp_ns, pose in TRACK:
         track.add(stamp_ns, pose)
     assert track.pose_at(150) == TRACK[1][1]
+
+
+def test_between_two_entries_it_lies_between_them_the_short_way_round() -> None:
+    found = PoseTrack(ORIGIN, 8, TRACK).pose_at(150)
+    assert (found.x_m, found.y_m) == (0.5, -1.0)
+    assert abs(found.yaw_rad) == pytest.approx(math.pi)

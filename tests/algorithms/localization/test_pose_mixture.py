@@ -193,3 +193,32 @@ def test_memory_is_bounded_however_many_motes_are_heard():
         estimate.receive(RssiSample(f"m{number}", Point2D(float(number % 7), 3.0), -75.0))
     assert estimate.whole_covariance.shape == (10, 10)
     assert is_sound(estimate)
+
+
+def test_what_is_put_somewhere_or_doubted_is_one_filter():
+    for change in (lambda each: each.doubt(1.0, 1.0), lambda each: each.place(Pose2D(1.0, 0.0, 0.0), np.eye(3) / 10)):
+        mixture = fresh(0.5)
+        mixture.receive(heard(0, -80.0))
+        assert len(mixture) > 1
+        change(mixture)
+        assert len(mixture) == 1
+
+
+@pytest.mark.parametrize("begun", [lambda: fresh(0.1), lambda: PoseMixture(wide())])
+def test_measurements_along_orthogonal_rows_are_corrected_one_by_one_by_what_the_others_have_left(begun):
+    rows = np.array([(0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, 1.0)])
+    offsets, variances = np.array([0.2, -0.1, 0.05]), np.array([0.01, 0.02, 0.001])
+    mixture, expected = begun(), begun()
+    for each in (mixture, expected):
+        each.receive(heard(2, -80.0))
+        each.move(Twist2D(0.5, 0.0, 0.3))
+    mixture.correct_along(rows, offsets, variances)
+    start = expected.pose
+    for row, offset, variance in zip(rows.tolist(), offsets.tolist(), variances.tolist(), strict=True):
+        now = expected.pose
+        done = np.dot(row, (now.x_m - start.x_m, now.y_m - start.y_m, now.yaw_rad - start.yaw_rad))
+        expected.correct(tuple(row), offset - float(done), variance)
+    assert mixture.covariance == pytest.approx(expected.covariance)
+    assert mixture.covariances == pytest.approx(expected.covariance.ravel().tolist())
+    assert (mixture.pose.x_m, mixture.pose.y_m) == pytest.approx((expected.pose.x_m, expected.pose.y_m))
+    assert mixture.pose.yaw_rad == pytest.approx(expected.pose.yaw_rad)

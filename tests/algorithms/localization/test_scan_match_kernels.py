@@ -1,4 +1,4 @@
-"""The arithmetic of scan matching against plain definitions: all distances, and derivatives."""
+"""The arithmetic of scan matching: ends of beams, searches, eigenvalues against LAPACK's, and steps."""
 
 import math
 
@@ -6,20 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import distance_transform_edt
 
 from robrain.algorithms.localization import scan_match as kernels
 from robrain.algorithms.localization.scan_match import (
     REACH_M,
     beam_ends,
     match_walls,
-    points_in_view,
     search_scan,
 )
-from robrain.algorithms.localization.surface_match import agreement
 from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES
 
 
@@ -29,44 +25,7 @@ def match_scan(log_odds, geometry, guess, points, reach_m=REACH_M):
     return match_walls(log_odds, geometry, guess, deep, reach_m)
 
 
-PER_M = 1.0 / GEOMETRY.resolution_m
 ROOM_MAP = ROOM.mapped(*ROOM_PLACES).log_odds
-
-
-def distances(log_odds, first_row, first_column, rows, columns, reach):
-    """From each cell of a window to the nearest wall, by scipy's distance transform."""
-    margin = 100
-    free = np.ones((log_odds.shape[0] + 2 * margin, log_odds.shape[1] + 2 * margin), np.bool_)
-    free[margin:-margin, margin:-margin] = log_odds <= 0
-    field = distance_transform_edt(free) if not free.all() else np.full(free.shape, math.inf)
-    row, column = first_row + margin, first_column + margin
-    return np.minimum(field[row : row + rows, column : column + columns], reach)
-
-
-def ends_of(sensor, points):
-    """Where the points lie, in cells from the grid's origin."""
-    cos, sin = math.cos(sensor.yaw_rad), math.sin(sensor.yaw_rad)
-    return PER_M * (np.array((sensor.x_m, sensor.y_m)) + points @ np.array([[cos, sin], [-sin, cos]]))
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.floats(-1.0, 13.0), st.floats(-1.0, 9.0), st.floats(-3.1, 3.1), st.integers(0, 1000))
-def test_a_point_is_in_view_if_there_is_floor_just_before_it(x_m, y_m, yaw_rad, seed):
-    sensor = Pose2D(x_m, y_m, yaw_rad)
-    rng = np.random.default_rng(seed)
-    bearings_rad, ranges_m = rng.uniform(-math.pi, math.pi, 60), rng.uniform(0.05, 4.0, 60)
-    points = np.column_stack((ranges_m * np.cos(bearings_rad), ranges_m * np.sin(bearings_rad)))
-    expected = []
-    for point, range_m in zip(points, ranges_m.tolist(), strict=True):
-        is_seen = False
-        for before_m in (0.2, 0.3):
-            ((column, row),) = np.floor(ends_of(sensor, point[None] * max(range_m - before_m, 0.0) / range_m)).astype(
-                int
-            )
-            is_seen = is_seen or (GEOMETRY.contains(row, column) and ROOM_MAP[row, column] < 0)
-        if is_seen:
-            expected.append(point.tolist())
-    assert points_in_view(ROOM_MAP, GEOMETRY, sensor, points).tolist() == expected
 
 
 def test_ends_are_those_of_the_beams_that_returned():
@@ -145,43 +104,3 @@ def test_a_direction_with_little_information_is_not_held_and_followed_slowly():
         held, _, values, _, step = solved(*equations(rows, residuals, np.ones(3)), least)
         assert (held, values.tolist()) == (held_count, [1.0, 4.0, 100.0])
         assert step == pytest.approx(expected)
-
-
-SMALL = GridGeometry(0.1, -0.7, 0.4, 40, 30)
-
-
-def classes_at(log_odds, x_m, y_m):
-    row, column = SMALL.cell_of(x_m, y_m)
-    return int(log_odds[row, column]) if SMALL.contains(row, column) else 0
-
-
-def beam_agrees(log_odds, sensor, point):
-    """Whether a beam agrees; None if it is not compared."""
-    range_m = math.hypot(*point)
-    bearing_rad = sensor.yaw_rad + math.atan2(point[1], point[0])
-    direction = math.cos(bearing_rad), math.sin(bearing_rad)
-    is_blocked = False
-    for at_m in np.arange(0.5, range_m - 0.3, 0.1).tolist():
-        at = sensor.x_m + at_m * direction[0], sensor.y_m + at_m * direction[1]
-        is_blocked = is_blocked or classes_at(log_odds, *at) > 0
-    end = sensor.x_m + range_m * direction[0], sensor.y_m + range_m * direction[1]
-    walls = np.argwhere(log_odds > 0) - np.array(SMALL.cell_of(*end))
-    is_near = bool((np.hypot(*walls.T) <= 2.0).any())
-    if not (is_near or is_blocked or classes_at(log_odds, *end) != 0):
-        return None
-    return is_near and not is_blocked
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 100_000), st.sampled_from([0.005, 0.03]))
-def test_a_beam_agrees_that_ends_at_a_wall_and_goes_through_none(seed, walls):
-    rng = np.random.default_rng(seed)
-    log_odds = rng.choice(np.array((50, -50, 0), np.int8), SMALL.shape, p=(walls, 0.5, 0.5 - walls))
-    sensor = Pose2D(*rng.uniform((-1.2, 0.0), (3.8, 3.8)).tolist(), float(rng.uniform(-3.1, 3.1)))
-    bearings_rad, ranges_m = rng.uniform(-math.pi, math.pi, 30), rng.uniform(0.1, 3.0, 30)
-    points = np.column_stack((ranges_m * np.cos(bearings_rad), ranges_m * np.sin(bearings_rad)))
-    told = [beam_agrees(log_odds, sensor, point) for point in points.tolist()]
-    compared = [each for each in told if each is not None]
-    share, count = agreement(log_odds, SMALL, sensor, points)
-    assert count == len(compared)
-    assert share == pytest.approx(sum(compared) / max(len(compared), 1))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.navigation.source_seeking import FieldSamples
+from robrain.algorithms.navigation.source_seeking import MOTES_MAX, SAMPLES_MAX, FieldSamples
 from robrain.protocol.model.geometry import Point2D
 
 
@@ -61,3 +61,16 @@ def test_a_flat_field_in_noise_has_no_slope():
         fit = sampled(lambda _x, _y: 20.0, CIRCLE, noise=noise).fit(Point2D(0.0, 0.0), 13.0, 2.5)
         flat += fit.is_flat and fit.summit is None
     assert flat >= 15
+
+
+def test_of_a_mote_the_latest_reading_counts_and_memory_is_bounded():
+    samples = FieldSamples()
+    for number in range(2 * SAMPLES_MAX):
+        samples.add(Point2D(0.0, 0.0), 1.0, float(number))
+    assert len(samples) == SAMPLES_MAX
+    for time_s, value in ((10.0, 5.0), (9.0, 7.0), (11.0, 6.0), (10.5, 8.0)):
+        samples.receive("m1", Point2D(1.0, 0.0), value, time_s)
+    assert samples._of_motes["m1"].value == 6.0
+    for number in range(2 * MOTES_MAX):
+        samples.receive(f"m{number}", Point2D(1.0, 0.0), 1.0, 1.0)
+    assert len(samples) == SAMPLES_MAX + MOTES_MAX

@@ -6,19 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import distance_transform_edt
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam import map_overlap
 from robrain.algorithms.slam.map_overlap import (
-    BEST,
-    LEVELS,
-    NEARLY,
-    REACH_CELLS,
-    SCORE_MIN,
     YAWS,
     MapMatcher,
     Overlap,
+    cells_outside,
     search_places,
 )
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
@@ -215,8 +210,6 @@ def test_maps_are_not_joined_by_a_room_that_either_of_them_has_twice():
 
 
 ROOM_MAP = ROOM.mapped(*ROOM_PLACES).log_odds
-STEP = 1 << LEVELS
-MARGIN = 60
 
 
 def distance_and_turn(pose, other):
@@ -241,69 +234,14 @@ def test_memory_for_places_is_bounded():
     assert len(found) == map_overlap.NODES_MAX
 
 
-def all_scores(log_odds, points):
-    """Nearness of the points to walls at each free cell, by yaw, row and column; −1 where there is no floor."""
-    height, width = log_odds.shape
-    free = np.ones((height + 2 * MARGIN, width + 2 * MARGIN), np.bool_)
-    free[MARGIN:-MARGIN, MARGIN:-MARGIN] = log_odds <= 0
-    away = distance_transform_edt(free) if not free.all() else np.full(free.shape, math.inf)
-    nearness = np.floor(BEST * (1.0 - np.minimum(away, REACH_CELLS).astype(np.float32) / REACH_CELLS))
-    known = np.zeros(free.shape, np.bool_)
-    known[MARGIN:-MARGIN, MARGIN:-MARGIN] = log_odds != 0
-    nearness = np.where(known, nearness, np.maximum(nearness, map_overlap.UNKNOWN))
-    floor = np.argwhere(log_odds < 0)
-    scores = np.full((YAWS, height, width), -1.0)
-    for k in range(YAWS):
-        cos, sin = math.cos(k * math.tau / YAWS), math.sin(k * math.tau / YAWS)
-        right = np.floor(0.5 + cos * points[:, 0] - sin * points[:, 1]).astype(int)
-        up = np.floor(0.5 + sin * points[:, 0] + cos * points[:, 1]).astype(int)
-        rows, columns = floor[:, :1] + up + MARGIN, floor[:, 1:] + right + MARGIN
-        scores[k, floor[:, 0], floor[:, 1]] = nearness[rows, columns].mean(axis=1)
-    return scores
-
-
-def best_of_blocks(scores):
-    """The best of each yaw and coarse cell."""
-    yaws, height, width = scores.shape
-    up, right = -(-height // STEP), -(-width // STEP)
-    padded = np.full((yaws, up * STEP, right * STEP), -1.0)
-    padded[:, :height, :width] = scores
-    return padded.reshape(yaws, up, STEP, right, STEP).max(axis=(2, 4))
-
-
-@pytest.mark.slow
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 100_000), st.integers(3, 27), st.integers(3, 27), st.sampled_from([0.03, 0.1, 0.3]))
-def test_branch_and_bound_finds_what_trying_all_places_finds(seed, height, width, share):
-    rng = np.random.default_rng(seed)
-    log_odds = rng.choice(np.array((50, -50, 0), np.int8), (height, width), p=(share, 0.6, 0.4 - share))
-    log_odds[[0, 0, -1, -1], [0, -1, 0, -1]] = -50  # so that the map is as large as it is
-    walls = np.argwhere(log_odds > 0)
-    if not len(walls):
-        return
-    seen = walls[rng.permutation(len(walls))[: int(rng.integers(1, 30))]]
-    turn_rad, at = rng.uniform(0.0, math.tau), rng.uniform((0.0, 0.0), (height, width))
-    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-    offsets = (seen - at + rng.normal(0.0, 0.5, seen.shape))[:, ::-1]
-    points = offsets @ np.array([[cos, -sin], [sin, cos]])
-    found = search_places(log_odds, GridGeometry(0.1, 0.0, 0.0, width, height), 0.1 * points, 1_000_000)
-
-    best = best_of_blocks(all_scores(log_odds, points))
-    most = best.max()
-    if most < SCORE_MIN * BEST:
-        assert found == []
-        return
-    assert found[0][0] * BEST == pytest.approx(most)
-    told = {}
-    for score, pose in found:
-        k = round(pose.yaw_rad * YAWS / math.tau) % YAWS
-        row, column = int(pose.y_m / 0.1), int(pose.x_m / 0.1)
-        assert log_odds[row, column] < 0
-        told[k, row // STEP, column // STEP] = score * BEST
-    assert len(told) == len(found), "one place for each coarse cell and yaw"
-    for block, score in told.items():
-        assert score == pytest.approx(best[block])
-    least = max(SCORE_MIN * BEST, NEARLY * most) + 1e-3
-    assert {block for block, score in told.items() if score > least} == {
-        tuple(block) for block in np.argwhere(best > least).tolist()
-    }
+@pytest.mark.parametrize(
+    ("T_other_own", "outside"),
+    [
+        (IDENTITY, 0),
+        (Pose2D(-1.0, 0.0, 0.0), 10 * (SIDE - 1)),
+        (Pose2D(0.0, 1.0, 0.0), 10 * SIDE),
+        (Pose2D(0.0, 0.0, math.pi), (SIDE - 1) * SIDE),
+    ],
+)
+def test_floor_that_lies_beyond_the_edge_of_the_other_map_is_counted(T_other_own, outside):
+    assert cells_outside(grid_of(floor_with()), T_other_own, SMALL) == outside

@@ -30,6 +30,7 @@ from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 GEOMETRY = GridGeometry(0.05, -1.0, -2.0, 12, 9)
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, OCCUPIED]], np.int8)
@@ -388,3 +389,29 @@ def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(misse
     take_together(other, [message for number, message in enumerate(told) if number != missed])
     assert first.grid.known_count == 45
     assert other.grid.known_count == 36
+
+
+OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
+
+
+def told_in(frame, number=0, place=ASIDE):
+    return to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), number, place, frame)
+
+
+def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told_in():
+    atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
+    frames = (OWN, ARENA, OTHER)
+    parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
+    merge_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
+    for number, frame in enumerate(frames):
+        assert atlas.place_of(("r1", number), frame) == ASIDE
+    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
+
+
+def test_a_message_without_cells_moves_a_submap_and_another_withdraws_it():
+    atlas = atlas_of(PATCH)
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE)))
+    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE, withdrawn=True)))
+    assert atlas.submaps == {}
+    assert atlas.grid.known_count == 0

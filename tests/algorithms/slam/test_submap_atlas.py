@@ -234,3 +234,32 @@ def test_a_submap_of_the_largest_side_is_taken_and_none_larger(rows: int, column
             with pytest.raises(ValueError, match="at most 4096 cells a side"):
                 submap.merge(row, column, np.full((1, 1), FREE, np.int8), 2)
     assert submap.growth(0, 0, (1, 1), 2) == 0
+
+
+@settings(deadline=None, max_examples=40)
+@given(SUBMAPS, st.lists(st.sampled_from(FRAMES), min_size=1, max_size=3))
+def test_in_whatever_frames_it_was_drawn_before_the_map_is_the_same(told, frames):
+    atlas = filled(told)
+    for frame in frames:
+        atlas.change_frame(frame)
+        assert atlas.frame == frame
+        expected = filled(told, frame).grid
+        assert np.array_equal(atlas.grid.classes(), expected.classes())
+        assert np.array_equal(atlas.grid.stamp_ms, expected.stamp_ms)
+        assert atlas.grid.known_count == expected.known_count
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(SUBMAPS, st.dictionaries(st.sampled_from(KEYS), PLACES, max_size=4), st.sampled_from(FRAMES))
+def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one(told, places, frame):
+    for drawn in FRAMES:
+        together, singly = filled(told, drawn), filled(told, drawn)
+        together.move_all(places, frame)
+        for key, place in places.items():
+            singly.move(key, place, frame)
+        assert np.array_equal(together.grid.classes(), singly.grid.classes())
+        for key, place in places.items():
+            if key in together.submaps:
+                assert together.place_of(key, frame) == place
+                assert all(together.place_of(key, other) is None for other in FRAMES if other != frame)

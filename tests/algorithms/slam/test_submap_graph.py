@@ -279,3 +279,14 @@ def test_a_closure_adds_its_information_to_what_was_known(seed):
 )
 def test_information_is_what_a_covariance_can_be_the_inverse_of(matrix, is_one):
     assert is_information(matrix) is is_one
+
+
+def test_a_frozen_submap_takes_its_closures_along_and_leaves_those_of_others():
+    graph = walked(*WALK[:3], spec=GraphSpec(submaps_max=3))
+    graph.close(10, WALK[0], MATE, WALK[0], SURE)
+    graph.close(12, WALK[2], THIRD, WALK[2], SURE)
+    graph.begin(13, WALK[3], IDENTITY, 0, STEP)
+    assert list(graph.own) == [11, 12, 13]
+    assert not graph.rests_on("r2")
+    assert graph.rests_on("r3")
+    assert asked_of(graph).count(THIRD) == 1
