@@ -144,15 +144,3 @@ def test_auction_gives_the_routes_of_the_plain_one(rule: int, choice: int, wait_
         given += sum(map(len, expected))
     assert given > 20  # the instances are neither empty nor without refusals
     assert given < 8 * 12
-
-
-def test_bids_are_worked_out_anew_where_waiting_takes_little_energy() -> None:
-    """In these instances another bid than the old best and the two new ones wins."""
-    team, visits = _instance(158, wait_w=1.0, windows=True)
-    _assert_as_plain(team, visits, BY_LEAST_LEFT, LEAST_BID)
-
-
-def _assert_as_plain(team: TeamArrays, visits: VisitArrays, rule: int, choice: int) -> None:
-    routes = empty_routes(team, visits)
-    hold_auction(team, visits, routes, np.ones(len(visits.job), np.bool_), rule, choice)
-    assert _orders(routes) == _auction(team, visits, rule, choice)

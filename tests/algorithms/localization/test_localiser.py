@@ -420,3 +420,33 @@ def test_scans_in_a_row_that_do_not_fit_are_counted():
     assert one.check_scan(0.399).startswith("3 scans in a row")
     assert one.check_scan(0.3).startswith("4 scans in a row")
     assert one.check_scan(0.4) == ""
+
+
+def test_scans_that_did_not_fit_before_the_frame_was_found_do_not_count_after() -> None:
+    localiser = located(watch=DivergenceSpec(misfits_max=3))
+    lost = []
+    for turn in range(5):
+        if turn == 2:
+            localiser.join()
+        localiser.see(ROOM.points(ELSEWHERE), local_map(ROOM_MAP))
+        assert not localiser.fits or localiser.lost
+        lost.append(bool(localiser.lost))
+    assert lost == [False, False, False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sigma_m", "sigma_rad", "is_found"),
+    [
+        ((0.5, -0.3, 0.0), 0.25, 0.03, True),
+        ((0.5, -0.3, 0.0), 0.19, 0.03, False),
+        ((0.0, 0.0, 0.4), 0.1, 0.2, True),
+        ((0.0, 0.0, 0.4), 0.1, 0.059, False),
+        ((0.0, 1.3, 0.0), 0.25, 0.03, False),  # beyond three standard deviations
+    ],
+)
+def test_a_place_less_sure_than_two_decimetres_or_a_yaw_less_sure_than_three_degrees_is_looked_for(
+    wrong, sigma_m, sigma_rad, is_found
+):
+    localiser = located(beside(TRUE, *wrong), sigma_m=sigma_m, sigma_rad=sigma_rad)
+    localiser.see(ROOM.points(TRUE), local_map(ROOM_MAP))
+    assert (at(localiser, TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.03)) == is_found

@@ -130,9 +130,3 @@ def test_places_are_where_the_robot_was_seen_from_where_it_is(steps):
     for number, mote in enumerate(seen.motes.tolist()):
         assert seen.mote_places[mote].tolist() == [float(number % 3), 2.0 * (number % 3)]
     assert seen.rssi_dbm.tolist() == [-60.0 - number for number in range(len(steps))]
-
-
-@pytest.mark.parametrize("distance_m", [0.1, 0.5, 1.0, 7.0, 40.0])
-def test_the_range_of_the_expected_strength_is_the_distance(distance_m):
-    loss = PathLoss(rssi_at_1_m_dbm=-55.0, exponent=2.4)
-    assert loss.range_m(loss.mean_dbm(distance_m)) == pytest.approx(distance_m)

@@ -193,3 +193,27 @@ def test_the_middles_of_occupied_cells_are_the_points():
     grid = OccupancyGrid(WIDE)
     grid.merge_patch(100, 120, np.array([[OCCUPIED, FREE], [UNKNOWN, OCCUPIED]], np.int8), 10)
     assert wall_points(grid) == pytest.approx(np.array([(0.05, -1.95), (0.15, -1.85)]))
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"angles_rad": np.zeros(2)}, "angles"),
+        ({"ignore": np.zeros(3)}, "ignore"),
+        ({"sensor": Pose2D(math.nan, 0.0, 0.0)}, "pose"),
+        ({"range_max_m": math.inf}, "range_max_m"),
+        ({"stamp_ms": -1}, "stamp_ms"),
+        ({"stamp_ms": 2**31}, "stamp_ms"),
+    ],
+)
+def test_scan_that_does_not_fit_together_is_refused(change: dict[str, object], named: str) -> None:
+    scan = {
+        "sensor": MIDDLE,
+        "angles_rad": np.zeros(1),
+        "ranges_m": np.ones(1),
+        "range_max_m": 2.0,
+        "stamp_ms": 0,
+        "ignore": NOBODY,
+    }
+    with pytest.raises(ValueError, match=named):
+        OccupancyGrid(GEOMETRY).integrate_scan(**(scan | change))

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.path_planning import (
     distance_field,
-    is_chord_clear,
     nearest_traversable,
     plan_path,
     round_corners,
@@ -131,27 +130,3 @@ def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor(
     corridor[0], corridor[:, 12] = True, True
     bent = np.array([[0, 0], [0, 12], [16, 12]], np.int32)
     assert round_corners(bent, corridor).tolist() == bent.tolist()
-
-
-FLOOR = np.ones((6, 8), np.bool_)
-
-
-def plainly_clear(mask: np.ndarray, begin: np.ndarray, end: np.ndarray) -> bool:
-    steps = math.floor(10.0 * math.dist(begin, end)) + 1
-    for k in range(steps + 1):
-        row, column = np.floor(begin + k / steps * (end - begin) + 0.5).astype(int)
-        if not (row in range(mask.shape[0]) and column in range(mask.shape[1]) and mask[row, column]):
-            return False
-    return True
-
-
-def test_line_is_clear_if_each_sample_of_it_is_for_any_cells() -> None:
-    draw = np.random.default_rng(4)
-    seen = []
-    for _ in range(600):
-        mask = draw.random(FLOOR.shape) < 0.9
-        begin = draw.uniform((-0.4, -0.4), (5.4, 7.4))
-        end = begin + draw.normal(0.0, 1.2, 2)
-        seen.append(is_chord_clear(mask, *begin, *end))
-        assert seen[-1] == plainly_clear(mask, begin, end)
-    assert 150 < sum(seen) < 450

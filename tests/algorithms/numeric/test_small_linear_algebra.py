@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 from robrain.algorithms.numeric.elementary_functions import arctan2, exp, log, log10
-from robrain.algorithms.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT8, INT32, INT64, kernel_array
 from robrain.algorithms.numeric.small_linear_algebra import (
     covariance_of,
     dot,
@@ -111,23 +109,3 @@ def test_each_entry_is_what_math_makes_of_it(given_values: list[float]) -> None:
     assert log(above).tolist() == [math.log(value) for value in above.tolist()]
     assert log10(above).tolist() == [math.log10(value) for value in above.tolist()]
     assert arctan2(whole, above).tolist() == [math.atan2(*each) for each in zip(given_values, above, strict=True)]
-
-
-@pytest.mark.parametrize("function", [exp, log, log10])
-def test_shape_is_kept_and_a_view_may_be_given(function) -> None:
-    square = np.arange(1.0, 13.0).reshape(3, 4)
-    np.testing.assert_allclose(function(square.T[:, ::2]), getattr(np, function.__name__)(square.T[:, ::2]), rtol=1e-15)
-    square.setflags(write=False)
-    assert function(square).shape == (3, 4)
-    np.testing.assert_allclose(arctan2(square, square.T.reshape(3, 4)), np.arctan2(square, square.T.reshape(3, 4)))
-
-
-@given(
-    arrays.arrays(st.sampled_from([np.bool_, np.int8, np.int32]), arrays.array_shapes(max_dims=2, max_side=4)),
-    st.sampled_from([BOOL, INT8, INT32, INT64, FLOAT32, FLOAT64]),
-)
-def test_it_is_what_numpys_require_makes(array, dtype):
-    made, expected = kernel_array(array, dtype), np.require(array, dtype, ("C", "A", "W"))
-    assert made.dtype == expected.dtype
-    assert np.array_equal(made, expected)
-    assert made.flags.carray

@@ -245,3 +245,12 @@ def test_memory_for_places_is_bounded():
 )
 def test_floor_that_lies_beyond_the_edge_of_the_other_map_is_counted(T_other_own, outside):
     assert cells_outside(grid_of(floor_with()), T_other_own, SMALL) == outside
+
+
+def test_an_answer_needs_as_much_evidence_as_is_asked_for():
+    own = mapped(ROOM, FEW)
+    found = MapMatcher(own, TEAM).find(FEW[1])
+    assert found is not None
+    evidence = found.overlap.evidence
+    assert MapMatcher(own, TEAM, evidence_min=evidence).find(FEW[1]) == found
+    assert MapMatcher(own, TEAM, evidence_min=evidence + 1).find(FEW[1]) is None

@@ -141,18 +141,3 @@ def test_an_edge_is_judged_by_what_its_residual_may_be_and_weighs_as_it_is_known
     assert doubted < 0.2
     assert expected.poses[0].x_m == pytest.approx(0.5, abs=1e-6)
     assert expected.squared_residuals == pytest.approx([25.0, 25.0]), "these are weighed by the edge's information"
-
-
-@pytest.mark.parametrize("axis", range(3))
-def test_residuals_of_all_directions_are_judged(axis):
-    """By the whole information, also where x, y and yaw are known together."""
-    root = np.array([[10.0, 3.0, 1.0], [0.0, 12.0, -2.0], [0.0, 0.0, 20.0]])
-    information = root.T @ root
-    off = 0.4 * np.eye(3)[axis]
-    held = Edge(1, ORIGIN, 0, ORIGIN, 1e6 * np.eye(3), may_be_false=False)
-    false = Edge(1, Pose2D(*off.tolist()), 0, ORIGIN, information, may_be_false=True)
-    solution = solved(held, false)
-    square = off @ information @ off
-    assert solution.squared_residuals[1] == pytest.approx(square, rel=2e-2)
-    expected = np.linalg.inv(1e6 * np.eye(3) + weight_of(square) * information)
-    assert solution.covariances[0] == pytest.approx(expected, rel=1e-4, abs=1e-12)
