@@ -177,9 +177,6 @@ def _place(
     return start_s + float(all_visits.service_s[first])
 
 
-# -- for the search -----------------------------------------------------------------------------------------------
-
-
 class Windows(NamedTuple):
     """Visits with windows that keep the precedence of coupled jobs."""
 

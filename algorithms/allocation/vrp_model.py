@@ -132,8 +132,6 @@ class VrpModel:
             orders[self._workers[route.vehicle_type()]] = visits
         return orders
 
-    # -- building ----------------------------------------------------------------------------------------------
-
     def _end_index(self, problem: Problem, worker: int) -> int:
         key = (int(self._team.profile[worker]), *problem.workers[worker].ends)
         return self._end_sets.index(key) if key in self._end_sets else -1

@@ -127,17 +127,13 @@ class Bidder:
         """Whether it bids for nothing until `open` is called again."""
         self.number = number
         """Of its last ballot."""
-        self._tasks: list[str] = []
+        self.tasks: list[str] = []
+        """The tasks that are open for bids, sorted."""
         self._fixed: list[str] = []
-        self._begun: list[str] = []
-        """Tasks that the robot has begun, in that order."""
+        self.begun: list[str] = []
+        """Tasks that the robot has begun, in that order; no other robot gets them."""
         self._is_stale = True
         """Whether an opinion has changed since the bundle was built."""
-
-    @property
-    def tasks(self) -> list[str]:
-        """The tasks that are open for bids, sorted."""
-        return self._tasks
 
     def open(self, tasks: Iterable[str], fixed: Sequence[str] = (), *, rests: bool = False) -> None:
         """Bid for these tasks from now on; all earlier bids are forgotten.
@@ -149,26 +145,21 @@ class Bidder:
 
         """
         self.is_resting = rests
-        self._tasks = sorted(set(tasks))[:TASKS_MAX]
+        self.tasks = sorted(set(tasks))[:TASKS_MAX]
         self._fixed = list(fixed)
         self.winning, self.received, self.bundle = {}, {}, []
         self.path = self.scorer.ordered(self._first())
         self._is_stale = True
 
-    @property
-    def begun(self) -> list[str]:
-        """Tasks that the robot has begun, in that order; no other robot gets them."""
-        return self._begun
-
     def begin(self, task: str) -> None:
         """The robot begins a task of its path: it keeps it, before all that it has not begun."""
-        self._begun = [*(one for one in self._begun if one != task), task]
-        self.scorer.keep_first(len(self._begun))
+        self.begun = [*(one for one in self.begun if one != task), task]
+        self.scorer.keep_first(len(self.begun))
         self._is_stale = True
 
     def forget_begun(self) -> None:
         """Begin a new negotiation, which excludes the robot's begun tasks."""
-        self._begun = []
+        self.begun = []
         self.scorer.keep_first(0)
 
     def build(self) -> bool:
@@ -185,8 +176,8 @@ class Bidder:
         self.winning = {task: bid for task, bid in self.winning.items() if bid.robot != self.robot}
         self.bundle, self.path = [], self.scorer.ordered(self._first())
         limit = math.inf
-        for task in self._begun:
-            if task in self._tasks:
+        for task in self.begun:
+            if task in self.tasks:
                 self.winning[task] = Bid(task=task, robot=self.robot, score=BEGUN_SCORE)
                 self.bundle.append(task)
         most = 0 if self.is_resting else self.limit and max(0, self.limit - len(self._fixed))
@@ -201,12 +192,12 @@ class Bidder:
 
     def _first(self) -> list[str]:
         """Tasks that are always in the robot's path: begun tasks, and fixed tasks without bids."""
-        return [*self._begun, *(task for task in self._fixed if task not in self._begun)]
+        return [*self.begun, *(task for task in self._fixed if task not in self.begun)]
 
     def _best(self, limit: float) -> tuple[Bid, Insertion] | None:
         """The winning bid of greatest gain for one more task, at most `limit`; None if no bid wins."""
         best: tuple[Bid, Insertion] | None = None
-        for task in self._tasks:
+        for task in self.tasks:
             known = self.winning.get(task)
             if known is not None and (known.robot == self.robot or known.score > limit):
                 continue

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robrain.algorithms.exploration.narrow_passages import KEPT, NarrowPassages, Tried, forget_near
+from robrain.algorithms.exploration.narrow_passages import KEPT, NarrowPassages, Tried, record_tried
 from robrain.algorithms.exploration.situation import (
     SAME_GOAL_M,
     Busy,
@@ -27,7 +27,6 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.reasons import IdleReason, LacksRange, NothingUnknown, borders_text, plain
 
 if TYPE_CHECKING:
-    from robrain.algorithms.exploration.map_survey import MapSurvey
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.navigation.frontier import Frontier
     from robrain.algorithms.navigation.navigation_grid import NavigationGrid
@@ -47,36 +46,6 @@ LOST_SHARE = 0.2
 PITCH_M = 0.5
 """Places within one square of this size are kept as one."""
 KEPT_BEEN = 16_384
-
-
-class Trials:
-    """Remembers a bounded number of places; the oldest are forgotten."""
-
-    def __init__(self) -> None:
-        self._failures: deque[Tried] = deque(maxlen=KEPT)
-        self._been: dict[tuple[int, int], Point2D] = {}
-
-    @property
-    def failures(self) -> list[Tried]:
-        """Places that robots failed to get to, arena frame, with the number of failures there."""
-        return list(self._failures)
-
-    @property
-    def been(self) -> list[Point2D]:
-        """Places where robots were, arena frame."""
-        return list(self._been.values())
-
-    def record_failure(self, place: Point2D) -> None:
-        """Record that a robot failed to get to a place."""
-        self._failures.append(Tried(place, forget_near(self._failures, place) + 1))
-
-    def record_place(self, place: Point2D) -> None:
-        """Record that a robot was at a place."""
-        cell = round(place.x_m / PITCH_M), round(place.y_m / PITCH_M)
-        self._been.pop(cell, None)
-        self._been[cell] = place
-        if len(self._been) > KEPT_BEEN:
-            del self._been[next(iter(self._been))]
 
 
 class _Attempts(NamedTuple):
@@ -225,14 +194,15 @@ class Explorer:
         self._narrow_due_ns = 0
         self._narrow_goals: set[Point2D] = set()
         """Goals to which robots were sent along narrow paths."""
-        self._trials = Trials()
+        self._tried: deque[Tried] = deque(maxlen=KEPT)
+        self._been: dict[tuple[int, int], Point2D] = {}
         self._seen_again: set[Point2D] = set()
         """Frontiers to which robots were sent when no others remained."""
 
     def record_failure(self, robot: str, place: Point2D, now_ns: int) -> None:
         """A robot could not get to a place: others may, it shuns the place for a while."""
         self._failures.append(_Failure(robot, place, now_ns + AVOID_NS))
-        self._trials.record_failure(place)
+        record_tried(self._tried, place)
         if self._map.grid is not None:
             self._attempts.record_failure(place, self._map.grid)
         if place in self._narrow_goals:
@@ -252,6 +222,14 @@ class Explorer:
         if grid is not None:
             self._attempts.record_visit(place, grid)
             self._vain = None
+
+    def _record_place(self, place: Point2D) -> None:
+        """Record that a robot was at a place; of too many places the oldest are forgotten."""
+        cell = round(place.x_m / PITCH_M), round(place.y_m / PITCH_M)
+        self._been.pop(cell, None)
+        self._been[cell] = place
+        if len(self._been) > KEPT_BEEN:
+            del self._been[next(iter(self._been))]
 
     @property
     def has_failures(self) -> bool:
@@ -275,7 +253,14 @@ class Explorer:
         narrow = [scout for scout in scouts if scout.goal in self._narrow_goals]
         busy = [*busy, *(Busy(scout.place or scout.goal, scout.goal) for scout in narrow if scout.goal is not None)]
         seekers = [
-            Seeker(scout.name, scout.place, self._avoided_places(scout.name), scout.goal, scout.reach_m, scout.homes)
+            Seeker(
+                scout.name,
+                scout.place,
+                tuple(one.place for one in self._failures if one.robot == scout.name),
+                scout.goal,
+                scout.reach_m,
+                scout.homes,
+            )
             for scout in scouts
             if scout.place is not None and scout not in narrow
         ]
@@ -293,12 +278,14 @@ class Explorer:
         grid, navigation = self._map.grid, self._check(needed_m)
         if grid is None or navigation is None:
             return []
+        # Here: it brings the map's kernels, as in `_check`.
+        from robrain.algorithms.exploration.map_survey import MapSurvey
+
         candidates = [candidate for candidate in self.candidates if not self._attempts.is_spent(candidate.place, grid)]
+        survey = MapSurvey(grid, [candidate.place for candidate in candidates])
         paths = FrontierPaths(navigation, candidates)
         between = self._fields.costs_between(paths, navigation, now_ns)
-        situation = Situation(
-            candidates, seekers, busy, paths.costs_m, costs_between=between, floor=self._floor_map(candidates)
-        )
+        situation = Situation(candidates, seekers, busy, paths.costs_m, costs_between=between, floor=survey)
         choices = _changed(self.strategy(situation), seekers)
         chosen = {choice.robot for choice in choices}
         left = [seeker for seeker in seekers if seeker.name not in chosen and seeker.goal is None]
@@ -309,7 +296,7 @@ class Explorer:
             choices += self._squeeze(candidates, left, [*busy, *bound], radius_m, now_ns)
         for choice in choices:
             self.idle.pop(choice.robot, None)
-            self._trials.record_place(next(seeker.place for seeker in seekers if seeker.name == choice.robot))
+            self._record_place(next(seeker.place for seeker in seekers if seeker.name == choice.robot))
         self._vain = None if choices or not is_narrow_due else question
         return choices
 
@@ -332,8 +319,8 @@ class Explorer:
             robots=known,
             radius_m=min((robot.radius_m for robot in robots), default=0.0),
             gaps=list(self._narrow.gaps),
-            failures=self._trials.failures,
-            been=self._trials.been,
+            failures=list(self._tried),
+            been=list(self._been.values()),
             spent=self._attempts.visited(grid),
         )
         return exploration_left(grid.classes(), grid.geometry, evidence)
@@ -444,17 +431,6 @@ class Explorer:
                 known.update(classes)
             self.candidates = [_candidate(classes, grid.geometry, found) for found in find_frontiers(classes)]
         return known
-
-    def _floor_map(self, candidates: list[FrontierCandidate]) -> "MapSurvey | None":
-        grid = self._map.grid
-        if grid is None:
-            return None
-        from robrain.algorithms.exploration.map_survey import MapSurvey
-
-        return MapSurvey(grid, [candidate.place for candidate in candidates])
-
-    def _avoided_places(self, robot: str) -> tuple[Point2D, ...]:
-        return tuple(failure.place for failure in self._failures if failure.robot == robot)
 
 
 def _changed(choices: list[Choice], seekers: Sequence[Seeker]) -> list[Choice]:

@@ -46,6 +46,11 @@ def forget_near(known: deque[Kind], place: Point2D) -> int:
     return max((one.tries for one in near), default=0)
 
 
+def record_tried(known: deque[Tried], place: Point2D) -> None:
+    """Record a failure to get to a place, together with those near it."""
+    known.append(Tried(place, forget_near(known, place) + 1))
+
+
 class NarrowPassages:
     """Remembers failed attempts, and caches the map with narrow places."""
 
@@ -62,7 +67,7 @@ class NarrowPassages:
 
     def record_failure(self, goal: Point2D) -> None:
         """Record that a robot sent along a narrow path did not reach its goal, for whatever reason."""
-        self._failures.append(Tried(goal, forget_near(self._failures, goal) + 1))
+        record_tried(self._failures, goal)
 
     def is_given_up(self, goal: Point2D) -> bool:
         """Whether robots have failed `TRIES` times to reach a place along narrow paths."""

@@ -1,6 +1,7 @@
 """How far a robot that explores may go: it must be able to get to a charger afterwards, with a reserve."""
 
 import math
+from bisect import bisect_left
 
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
@@ -32,14 +33,8 @@ def reach_m(
         return math.inf
     surely_j = model.usable_j - reserve_share * battery.remaining_j / max(battery.soc, SOC_LEAST)
 
-    def is_within(steps: int) -> bool:
-        return estimate(model, Work(path_m=STEP_M * steps)).high_j(confidence) <= surely_j
+    def is_too_far(steps: int) -> bool:
+        return not estimate(model, Work(path_m=STEP_M * steps)).high_j(confidence) <= surely_j
 
     most = math.ceil(PLENTY_M / STEP_M)
-    if is_within(most):
-        return math.inf
-    least = 0
-    while most - least > 1:
-        middle = (least + most) // 2
-        least, most = (middle, most) if is_within(middle) else (least, middle)
-    return STEP_M * least
+    return STEP_M * bisect_left(range(1, most), True, key=is_too_far) if is_too_far(most) else math.inf

@@ -125,8 +125,7 @@ class Situation:
             for column, candidate in enumerate(self.candidates if seeker.avoided else ()):
                 if is_avoided(candidate, seeker):
                     paths_m[row, column] = math.inf
-        paths_m.setflags(write=False)
-        return paths_m
+        return _frozen(paths_m)
 
     @cached_property
     def too_far(self) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ replaces it. A lockstep run ends with the failure.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,14 +154,8 @@ NO_EXPLORATION: Final = "none"
 """Robots explore only for a task."""
 
 
-class Strategy(Protocol):
-    """Sends idle robots to frontiers."""
-
-    def __call__(self, situation: Situation) -> list[Choice]:
-        """Choose at most one frontier for each seeker; equal situations give equal choices."""
-        ...
-
-
+Strategy = Callable[[Situation], list[Choice]]
+"""Sends idle robots to frontiers: at most one for each seeker. Equal situations give equal choices."""
 BASELINES = "robrain.algorithms.exploration.strategies"
 STRATEGIES: Registry[Strategy] = Registry(
     "exploration",

@@ -277,12 +277,7 @@ class Localiser:
         """Move the estimate with the map, which loop closures have moved: the pose becomes `T_new_old` · pose."""
         self.filter.shift(T_new_old)
 
-    def see(
-        self,
-        points: Floats,
-        map: LocalMap,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
-    ) -> ScanFit:
+    def see(self, points: Floats, map: LocalMap, T_robot_sensor: Pose2D = IDENTITY) -> ScanFit:
         """Match a scan to the robot's own map and correct the estimate.
 
         `points` (K, 2) are the ends of its beams, see `beam_ends`, without those at other robots. `T_robot_sensor` is
@@ -401,7 +396,7 @@ class Localiser:
         log_odds: NDArray[np.int8],
         geometry: GridGeometry,
         points: Floats,
-        T_robot_sensor: Pose2D = Pose2D(0.0, 0.0, 0.0),  # noqa: B008 - immutable, so a shared default is safe
+        T_robot_sensor: Pose2D = IDENTITY,
     ) -> bool:
         """Compare a scan with a map of other robots, to check that the robot is at its configured start.
 

@@ -193,7 +193,7 @@ class PoseMixture:
         for index in range(len(self._parts)):
             part, weight = self._parts[index], self._weights[index]
             if part.sigma_rad > SPLIT_RAD and self._parts_max > 2:
-                while len(self._parts) + 2 > self._parts_max:
+                if len(self._parts) + 2 > self._parts_max:
                     return
                 self._parts += part.split(SPLIT_APART, SPLIT_WEIGHT)
                 self._weights[index] = (1.0 - 2.0 * SPLIT_WEIGHT) * weight

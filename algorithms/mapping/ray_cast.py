@@ -1,6 +1,6 @@
 """Measurements of a range sensor in a known world: exact rays through a grid and past circles.
 
-`cast_rays_on_surfaces` adds glass, through which lidars see, and mirrors.
+With `echo_rad`, `cast_rays` adds glass, through which lidars see, and mirrors.
 """
 
 import math
@@ -31,6 +31,7 @@ def cast_rays(
     angles_rad: Floats,
     range_max_m: float,
     circles: Floats,
+    echo_rad: float | None = None,
 ) -> Floats:
     """Distances (N,) in metres to the first obstacle of each ray; exactly `range_max_m` where there is none nearer.
 
@@ -39,6 +40,11 @@ def cast_rays(
     metres of the arena frame. A circle around the sensor is the body that carries it and is not seen. A sensor within
     an occupied cell measures 0. Rays end where they enter a cell, found by the traversal of Amanatides and Woo, *A Fast
     Voxel Traversal Algorithm for Ray Tracing*, Eurographics 1987.
+
+    With `echo_rad`, `occupied` is the sum of the constants above for each cell: there may be glass and mirrors. A pane
+    returns the beams that meet it within this angle of its normal. Other beams pass it straight on; behind a pane at
+    the grid's edge they meet nothing. A mirror reflects a beam once. The beam's range is the length of the whole path,
+    and it may end at the body that carries the sensor. A second mirror on the path is a wall.
     """
     return cast_rays_of(
         # One type for each argument, for any input: the kernel is compiled once for every combination.
@@ -48,6 +54,7 @@ def cast_rays(
         kernel_array(angles_rad, FLOAT64),
         range_max_m,
         kernel_array(circles, FLOAT64),
+        None if echo_rad is None else math.cos(echo_rad),
     )
 
 
@@ -62,7 +69,7 @@ def cast_rays_of(
 ) -> Floats:
     """As `cast_rays`, for a sensor that asks many times: all arrays are `kernel_array`s.
 
-    `echo_cosine` is that of `echo_rad` of `cast_rays_on_surfaces`.
+    `echo_cosine` is the cosine of `echo_rad`.
     """
     ranges_m: Floats = _cast_rays(
         occupied.view(np.uint8),
@@ -78,42 +85,6 @@ def cast_rays_of(
         echo_cosine,
     )
     return ranges_m
-
-
-def cast_rays_on_surfaces(
-    surfaces: NDArray[np.uint8],
-    geometry: GridGeometry,
-    sensor: Pose2D,
-    angles_rad: Floats,
-    range_max_m: float,
-    circles: Floats,
-    echo_rad: float,
-) -> Floats:
-    """Distances (N,) in metres as `cast_rays` gives them, on a floor with glass and mirrors.
-
-    A pane returns the beams that meet it within `echo_rad` of its normal. Other beams pass it straight on; behind a
-    pane at the grid's edge they meet nothing. A mirror reflects a beam once. The beam's range is the length of the
-    whole path, and it may end at the body that carries the sensor. A second mirror on the path is a wall.
-
-    Args:
-        surfaces: (H, W), the sum of the constants above for each cell.
-        geometry: where `surfaces` lies in the arena frame; beyond it all is solid.
-        sensor: in the arena frame.
-        angles_rad: (N,), in the sensor's frame.
-        range_max_m: the range of a beam that meets nothing nearer.
-        circles: (K, 3) further obstacles x, y, radius in metres, arena frame.
-        echo_rad: largest angle between a beam and a pane's normal at which the pane returns the beam.
-
-    """
-    return cast_rays_of(
-        kernel_array(surfaces, surfaces.dtype),
-        geometry,
-        sensor,
-        kernel_array(angles_rad, FLOAT64),
-        range_max_m,
-        kernel_array(circles, FLOAT64),
-        math.cos(echo_rad),
-    )
 
 
 @register_jitable

@@ -217,8 +217,6 @@ class _FieldRun:
             self._bury()
         return self._life()
 
-    # -- planning -------------------------------------------------------------------------------------------
-
     def _make_plan(self) -> None:
         site, plan = self.site, self.plan
         self._next_plan_s = self.now_s + plan.replan_days * DAY_S
@@ -258,8 +256,6 @@ class _FieldRun:
             spent_j = min(spent_j, self.left_j[mote])
             self.left_j[mote] -= spent_j
             self._spent_j += spent_j
-
-    # -- living ---------------------------------------------------------------------------------------------
 
     def _power_w(self, mote: int) -> float:
         energy, routes = self.site.energy, self._routes

@@ -7,8 +7,8 @@ are two lists, and the same functions run uncompiled. A robot without arrays thu
 import math
 import sys
 from collections.abc import Callable
-from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cache, wraps
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 PASSAGE_BEHIND_M, PASSAGE_AHEAD_M = 0.15, 0.4
 """Points from this far behind the centre to this far ahead count as walls beside the robot. Points beyond an obstacle
@@ -20,6 +20,7 @@ SURE_M = 0.03
 are needed (chosen: three standard deviations of a lidar's range)."""
 WITNESSES = 3
 BARRIER_M = 0.2
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 if TYPE_CHECKING:
     from robrain.algorithms.numeric.kernel_array import Floats
@@ -61,50 +62,32 @@ class Passage(NamedTuple):
     right_m: float
 
 
-def contact_distance_m(points_m: "Points", x_m: float, y_m: float, heading_rad: float, reach_m: float) -> float:
+@cache
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    from numba import njit
+
+    compiled: Callable[..., Any] = njit(cache=True, nogil=True)(function)
+    return compiled
+
+
+def _either(function: Function) -> Function:
+    """The function, which is compiled where the points are arrays."""
+
+    @wraps(function)
+    def call(points_m: "Points", *rest: float) -> Any:
+        return (function if isinstance(points_m, tuple) else _compiled(function))(points_m, *rest)
+
+    return cast("Function", call)
+
+
+@_either
+def contact_distance_m(points_m: Any, x_m: float, y_m: float, heading_rad: float, reach_m: float) -> float:
     """How far a disc can go straight ahead before it touches one of the points; inf if it never does.
 
     The points and the disc's centre x, y are in one frame, in which it goes towards `heading_rad`; `reach_m` is its
     radius. The disc passes points beside or behind it. A point within the disc and ahead of its centre gives a negative
     distance.
     """
-    found: float = _for(points_m).contact_distance_m(points_m, x_m, y_m, heading_rad, reach_m)
-    return found
-
-
-def passage(points_m: "Points", x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
-    """The room for a disc that squeezes straight ahead; arguments as for `contact_distance_m`.
-
-    Distances are to the third nearest point instead of the nearest. With walls this near, the noise of a single range
-    would close the passage repeatedly.
-    """
-    return Passage(*_for(points_m).passage(points_m, x_m, y_m, heading_rad, radius_m))
-
-
-def hold_off(
-    points_m: "Points", x_m: float, y_m: float, x_m_s: float, y_m_s: float, radius_m: float, keep_m: float, per_s: float
-) -> tuple[float, float]:
-    """The velocity (x, y) changed so that a disc comes no nearer to any point than `keep_m` beyond its radius.
-
-    The disc approaches a point at most at `per_s` times the distance left, and moves away from a point that is too
-    near: a control barrier function (Ames et al., *Control Barrier Functions: Theory and Applications*, ECC 2019). The
-    excess is subtracted for one point after the other, twice over all points. Other arguments as for
-    `contact_distance_m`; points farther than `BARRIER_M` from the hull do not count.
-    """
-    found: tuple[float, float] = _for(points_m).hold_off(points_m, x_m, y_m, x_m_s, y_m_s, radius_m, keep_m, per_s)
-    return found
-
-
-def sector_distances_m(points_m: "Points", x_m: float, y_m: float, yaw_rad: float, sectors: int) -> list[float]:
-    """Distance (`sectors`,) from a place to the nearest point in each of these sectors; inf where there is none.
-
-    The points, x, y and the yaw are in one frame. Sector 0 is centred on the yaw, the others follow counter-clockwise.
-    """
-    found: list[float] = _for(points_m).sector_distances_m(points_m, x_m, y_m, yaw_rad, sectors)
-    return found
-
-
-def _contact_distance_m(points_m: Any, x_m: float, y_m: float, heading_rad: float, reach_m: float) -> float:
     xs_m, ys_m = points_m[0], points_m[1]
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     nearest_m = math.inf
@@ -119,7 +102,13 @@ def _contact_distance_m(points_m: Any, x_m: float, y_m: float, heading_rad: floa
     return nearest_m
 
 
-def _passage(points_m: Any, x_m: float, y_m: float, heading_rad: float, radius_m: float) -> tuple[float, float, float]:
+@_either
+def passage(points_m: Any, x_m: float, y_m: float, heading_rad: float, radius_m: float) -> Passage:
+    """The room for a disc that squeezes straight ahead; arguments as for `contact_distance_m`.
+
+    Distances are to the third nearest point instead of the nearest. With walls this near, the noise of a single range
+    would close the passage repeatedly.
+    """
     xs_m, ys_m = points_m[0], points_m[1]
     cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     core_m = radius_m - SURE_M
@@ -149,12 +138,20 @@ def _passage(points_m: Any, x_m: float, y_m: float, heading_rad: float, radius_m
             for k in range(WITNESSES):
                 if distance_m < walls_m[k]:
                     walls_m[k], distance_m = distance_m, walls_m[k]
-    return free_m, left_m[WITNESSES - 1], right_m[WITNESSES - 1]
+    return Passage(free_m, left_m[WITNESSES - 1], right_m[WITNESSES - 1])
 
 
-def _hold_off(
+@_either
+def hold_off(
     points_m: Any, x_m: float, y_m: float, x_m_s: float, y_m_s: float, radius_m: float, keep_m: float, per_s: float
 ) -> tuple[float, float]:
+    """The velocity (x, y) changed so that a disc comes no nearer to any point than `keep_m` beyond its radius.
+
+    The disc approaches a point at most at `per_s` times the distance left, and moves away from a point that is too
+    near: a control barrier function (Ames et al., *Control Barrier Functions: Theory and Applications*, ECC 2019). The
+    excess is subtracted for one point after the other, twice over all points. Other arguments as for
+    `contact_distance_m`; points farther than `BARRIER_M` from the hull do not count.
+    """
     xs_m, ys_m = points_m[0], points_m[1]
     for _ in range(2):
         for index in range(len(xs_m)):
@@ -170,7 +167,12 @@ def _hold_off(
     return x_m_s, y_m_s
 
 
-def _sector_distances_m(points_m: Any, x_m: float, y_m: float, yaw_rad: float, sectors: int) -> list[float]:
+@_either
+def sector_distances_m(points_m: Any, x_m: float, y_m: float, yaw_rad: float, sectors: int) -> list[float]:
+    """Distance (`sectors`,) from a place to the nearest point in each of these sectors; inf where there is none.
+
+    The points, x, y and the yaw are in one frame. Sector 0 is centred on the yaw, the others follow counter-clockwise.
+    """
     xs_m, ys_m = points_m[0], points_m[1]
     nearest_m = [math.inf] * sectors
     for index in range(len(xs_m)):
@@ -179,24 +181,3 @@ def _sector_distances_m(points_m: Any, x_m: float, y_m: float, yaw_rad: float, s
         sector = round(direction_rad * sectors / (2.0 * math.pi)) % sectors
         nearest_m[sector] = min(nearest_m[sector], math.hypot(dx_m, dy_m))
     return nearest_m
-
-
-class _Functions(NamedTuple):
-    contact_distance_m: Callable[..., Any]
-    passage: Callable[..., Any]
-    hold_off: Callable[..., Any]
-    sector_distances_m: Callable[..., Any]
-
-
-_PLAIN = _Functions(_contact_distance_m, _passage, _hold_off, _sector_distances_m)
-
-
-@cache
-def _compiled() -> _Functions:
-    from numba import njit
-
-    return _Functions(*map(njit(cache=True, nogil=True), _PLAIN))
-
-
-def _for(points_m: "Points") -> _Functions:
-    return _PLAIN if isinstance(points_m, tuple) else _compiled()

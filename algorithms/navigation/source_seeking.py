@@ -46,8 +46,6 @@ class FieldFit(NamedTuple):
     """Rise per metre along x and y."""
     slope_sd: float
     """Standard deviation of each."""
-    curvature: float
-    """Half of the second derivative: below 0 near a maximum."""
     summit: Point2D | None
     """Where the fitted field is greatest; None where no maximum is distinguishable from noise."""
     summit_value: float
@@ -141,9 +139,7 @@ class FieldSamples:
             summit = Point2D(at.x_m + width_m * along_x, at.y_m + width_m * along_y)
             summit_value = base + found[0] - curve * (along_x * along_x + along_y * along_y)
             summit_sd_m = slope_sd * width_m * width_m / (2.0 * -curve)
-        return FieldFit(
-            at, base + found[0], slope, slope_sd, curve / (width_m * width_m), summit, summit_value, summit_sd_m
-        )
+        return FieldFit(at, base + found[0], slope, slope_sd, summit, summit_value, summit_sd_m)
 
 
 def _inverse(matrix: list[list[float]]) -> list[list[float]]:

@@ -50,18 +50,6 @@ class Contradiction(NamedTuple):
     """Share of the beams that agree with the submap."""
 
 
-def geometry_of(submap: Submap, team: GridGeometry) -> GridGeometry:
-    """Grid of the submap's cells in the submap's own frame, aligned with the cells of the team's grid."""
-    height, width = submap.evidence.shape
-    return GridGeometry(
-        team.resolution_m,
-        team.origin_x_m + submap.column * team.resolution_m,
-        team.origin_y_m + submap.row * team.resolution_m,
-        width,
-        height,
-    )
-
-
 def lay_on(
     submap: Submap, team: GridGeometry, sensor: Pose2D, points: Floats, sigma_m: float, sigma_rad: float
 ) -> Lying | Contradiction | None:
@@ -79,7 +67,7 @@ def lay_on(
         None if the submap covers too little of the place to decide.
 
     """
-    geometry = geometry_of(submap, team)
+    geometry = submap.geometry(team)
     guess = submap.T_arena_local.inverse().compose(sensor)
     if sigma_m > SEARCH_M or sigma_rad > SEARCH_RAD:
         found = search_scan(

@@ -180,20 +180,21 @@ class Submap:
         classes[self.evidence > 0] = OCCUPIED
         return classes
 
+    def geometry(self, team: GridGeometry) -> GridGeometry:
+        """Grid of the submap's cells in its own frame, aligned with the cells of the team's grid."""
+        height, width = self.evidence.shape
+        return GridGeometry(
+            team.resolution_m,
+            team.origin_x_m + self.column * team.resolution_m,
+            team.origin_y_m + self.row * team.resolution_m,
+            width,
+            height,
+        )
+
     def grid(self, team: GridGeometry) -> OccupancyGrid:
         """A new grid with the submap's cells and surfaces, in the submap's own frame; `team` is the team's grid."""
         height, width = self.evidence.shape
-        resolution_m = team.resolution_m
-        grid = OccupancyGrid(
-            GridGeometry(
-                resolution_m,
-                team.origin_x_m + self.column * resolution_m,
-                team.origin_y_m + self.row * resolution_m,
-                width,
-                height,
-            ),
-            surfaces=True,
-        )
+        grid = OccupancyGrid(self.geometry(team), surfaces=True)
         grid.log_odds[:] = self.evidence
         if self.surfaces is not None:
             rows, columns = self.surfaces["row"] - self.row, self.surfaces["column"] - self.column

@@ -233,9 +233,7 @@ class SubmapGraph:
         for number in parted:
             self.own[number].frame = frame
         self._steps[first.number] = self._placed(first, BEGINNING, may_be_false=False)
-        kept = [each for each in self._closures if (each.own in parted) == self._is_of(each.other, parted)]
-        self._closures.clear()
-        self._closures.extend(kept)
+        self._closures = [each for each in self._closures if (each.own in parted) == self._is_of(each.other, parted)]
         self.has_news = True
 
     def _is_of(self, key: SubmapKey | None, numbers: set[int]) -> bool:

@@ -17,7 +17,7 @@ from robrain.algorithms.mapping.ray_cast import (
     MIRROR_SOUTH,
     MIRROR_WEST,
     SOLID,
-    cast_rays_on_surfaces,
+    cast_rays,
 )
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
@@ -112,10 +112,8 @@ class FloorSurfaces:
     def cast(
         self, sensor: Pose2D, angles_rad: NDArray[np.float64], range_max_m: float, circles: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Ranges (N,) of a lidar's beams in metres; see `cast_rays_on_surfaces`."""
-        return cast_rays_on_surfaces(
-            self.cells, self._geometry, sensor, angles_rad, range_max_m, circles, self._echo_rad
-        )
+        """Ranges (N,) of a lidar's beams in metres; see `cast_rays`."""
+        return cast_rays(self.cells, self._geometry, sensor, angles_rad, range_max_m, circles, self._echo_rad)
 
 
 def _panes(occupied: NDArray[np.bool_], thickest: int, shortest: int, length: int) -> list[_Stretch]:

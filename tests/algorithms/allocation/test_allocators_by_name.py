@@ -81,11 +81,6 @@ def routes(method, *jobs):
     return {route.worker: sorted(route.jobs) for route in plan.routes}
 
 
-def test_an_unknown_method_is_refused_with_those_that_there_are():
-    with pytest.raises(ValueError, match=r"optimal, or FILE.py:NAME; got optimul; did you mean optimal.*nearest"):
-        PlanningPolicy(method="optimul")
-
-
 def test_an_allocator_of_another_distribution_makes_the_plans(in_turn):
     jobs = [job(name, 1) for name in "abcd"]
     assert PlanningPolicy(method="in_turn").method == "in_turn"
@@ -98,25 +93,6 @@ def test_a_plan_of_somebody_else_that_cannot_be_carried_out_is_replaced_by_the_s
     assert solver.plan.orders == (("a",), ())
     (failure,) = solver.failures
     assert re.search(r"in_turn.py:\d+: ValueError: the plan cannot be carried out: ", failure.reason)
-
-
-def with_a_charging_camera(method):
-    """A job for a camera, which only the robot has that charges, and one for anybody."""
-    asked = problem(msgspec.structs.replace(job("photo", 1), needs=frozenset({"camera"})), job("any", 1))
-    ready, charging = asked.workers
-    charging = msgspec.structs.replace(charging, ready_s=60.0, offers=frozenset({"camera"}))
-    asked = msgspec.structs.replace(asked, workers=(ready, charging))
-    return PlanSolver(asked, PlanningPolicy(method=method))
-
-
-def test_robots_that_charge_get_what_another_distribution_plans_for_them(in_turn):
-    assert with_a_charging_camera("in_turn").plan.orders == (("any",), ("photo",))
-
-
-def test_a_bad_plan_for_robots_that_charge_is_replaced_by_the_stock_plan(in_turn):
-    solver = with_a_charging_camera("later")
-    assert solver.plan.orders == (("any",), ("photo",))
-    assert [one.name for one in solver.failures] == ["later"]
 
 
 def test_a_bad_plan_of_a_search_is_dropped(in_turn):

@@ -25,18 +25,6 @@ def windows(problem: Problem, orders: list[list[str]], share: float, end_s: floa
     return found, told
 
 
-def test_jobs_that_wait_are_waited_for_or_take_several_robots_are_coupled():
-    jobs = [job("a", 1), job("b", 2, after=("a", "done")), job("c", 3), job("lift", 4, robots=2)]
-    assert line(jobs, [worker("r1")]).coupled == {0: [1], 1: [], 3: []}
-
-
-def test_without_coupled_jobs_windows_are_the_jobs_own():
-    problem = line([job("a", 1), job("b", 2, latest_s=20.0)], [worker("r1")])
-    found, told = windows(problem, [["a", "b"]], 0.5, 30.0)
-    assert found.rows.tolist() == [0, 1]
-    assert told == {"a": [(0.0, math.inf, False)], "b": [(0.0, 20.0, False)]}
-
-
 @pytest.mark.parametrize(
     ("share", "moment_s"),
     # a starts at 1 and ends at 3, at the latest at 23 and 25; b starts at 4, at the latest at 26 (it is back at 30).
@@ -47,12 +35,6 @@ def test_between_a_job_and_the_one_after_it_a_moment_is_chosen(share, moment_s):
     _, told = windows(line(jobs, [worker("r1")]), [["a", "b"]], share, 30.0)
     assert told["a"] == [(0.0, pytest.approx(moment_s - 2.0), True)]
     assert told["b"] == [(pytest.approx(moment_s), math.inf, False)]
-
-
-def test_the_horizon_limits_the_room_as_well():
-    jobs = [job("a", 1), job("b", 2, after=("a",))]
-    _, told = windows(line(jobs, [worker("r1")], horizon_s=14.0), [["a", "b"]], 1.0, 30.0)
-    assert told["b"][0][0] == pytest.approx((11.0 + 12.0) / 2)
 
 
 def test_a_latest_start_is_that_of_the_job_that_follows_on_another_route():

@@ -1,7 +1,4 @@
-import math
-
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
@@ -24,13 +21,6 @@ def only_bids(problem):
 
 def chosen(bids):
     return [bid.robot for bid in bids if bid.chosen]
-
-
-def test_robot_that_takes_least_and_what_the_others_would_take_are_told():
-    _, bids = only_bids(line([job("a", 2)], [worker("r1"), worker("r2", start=1), worker("r3", start=3)]))
-    assert chosen(bids) == ["r2"]
-    assert [bid.energy_j for bid in bids] == [2.0, 1.0, 1.0]
-    assert [bid.arrives_in_s for bid in bids] == [2.0, 1.0, 1.0]
 
 
 def test_each_reason_to_be_out_is_told():
@@ -78,37 +68,6 @@ def test_job_without_a_way_says_so():
     assert [bid.reason for bid in bids] == [Plain("no_way_and_back")]
 
 
-@pytest.mark.parametrize(
-    ("horizon_s", "latest_s", "why"),
-    [
-        # a is done at 5 and the robot back at 10; b alone would be done at 1 or later, and the robot back at 2.
-        (12.0, math.inf, None),
-        (10.0, math.inf, Plain("crowded")),
-        (10.0, 3.0, Plain("crowded")),
-        (10.0, 2.9, Plain("too_late", start_s=1.0, latest_s=2.9)),
-    ],
-)
-def test_job_that_would_be_in_time_alone_is_kept_from_a_robot_by_its_other_jobs(horizon_s, latest_s, why):
-    problem = line(
-        [job("a", 5, latest_s=5.0), job("b", 1, service_s=2.0, latest_s=latest_s)], [worker("r1")], horizon_s=horizon_s
-    )
-    plan = make_plan(problem, [["a"]], Objective.ENERGY)
-    assert explain(problem, plan, "b")[0].reason == why
-
-
-@pytest.mark.parametrize(
-    ("service_s", "why"),
-    [
-        (2.0, Plain("crowded")),
-        (2.1, Plain("too_late_home", start_s=4.0, horizon_s=10.0)),
-    ],
-)
-def test_job_that_alone_would_end_just_when_the_plan_must_is_crowded_out_and_not_too_late(service_s, why):
-    problem = line([job("a", 1, service_s=1.0), job("b", 4, service_s=service_s)], [worker("r1")], horizon_s=10.0)
-    plan = make_plan(problem, [["a"]], Objective.ENERGY)
-    assert explain(problem, plan, "b")[0].reason == why
-
-
 def test_job_that_a_robot_is_at_has_no_bids():
     assert only_bids(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)])) == (None, ())
 
@@ -129,20 +88,3 @@ def test_who_does_a_job_never_is_out_and_who_is_out_has_a_reason(problem):
         for bid in explain(problem, plan, one.id):
             assert (bid.energy_j is None) == (bid.reason is not None)
             assert one.robots > 1 or not (bid.chosen and bid.reason), (bid, plan)
-
-
-def test_a_robot_that_waits_for_another_is_explained_with_the_wait_of_the_plan():
-    # The plan could wait longer than it does, at 1 W, as the arm is busy until 30 s.
-    camera = frozenset({"camera"})
-    jobs = [
-        job("first", 1, needs=frozenset({"arm"})),
-        job("late", 1, needs=frozenset({"arm"}), earliest_s=30.0),
-        job("then", 1, needs=camera, after=("first",)),
-        job("last", 2, needs=camera, after=("then",)),
-    ]
-    arm = worker("arm", start=1, ready_s=5.0, usable_j=10.0, offers=frozenset({"arm"}))
-    waits = worker("waits", wait_w=1.0, usable_j=8.5, offers=camera)
-    problem = line(jobs, [arm, waits])
-    plan = AuctionAllocator().plan(problem)
-    for one in jobs:
-        assert all(bid.reason is None for bid in explain(problem, plan, one.id) if bid.chosen)

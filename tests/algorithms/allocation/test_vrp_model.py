@@ -19,31 +19,29 @@ def model_of(problem: Problem) -> VrpModel:
     return VrpModel(problem, arrays, arrays.visits, np.zeros(len(arrays.visits.job), np.bool_), Objective.ENERGY)
 
 
-@pytest.fixture
-def needy() -> Problem:
-    jobs = [job("see", 1, needs=CAMERA), job("lift", 2, needs=ARM), job("both", 3, needs=CAMERA | ARM), job("go", 4)]
-    return line(jobs, [worker("r1", offers=CAMERA), worker("r2", offers=CAMERA | ARM), worker("r3")])
-
-
 def is_feasible(model: VrpModel, *orders: list[int]) -> bool:
     return bool(model.solution(model.data, orders).is_feasible())
 
 
-def test_where_ways_of_their_own_would_be_too_many_needs_are_loads(needy, monkeypatch):
-    monkeypatch.setattr(vrp_model, "MOST_CELLS", 0)
-    model = model_of(needy)
-    assert model.data.num_profiles == 1
-    assert [list(client.delivery) for client in model.data.clients()] == [[0, 1], [1, 0], [1, 1], [0, 0]]
-    assert [list(vehicle.capacity) for vehicle in model.data.vehicle_types()] == [[0, 4], [4, 4], [0, 0]]
+JOBS = [job("see", 1, needs=CAMERA), job("lift", 2, needs=ARM), job("both", 3, needs=CAMERA | ARM), job("go", 4)]
+ROBOTS = [worker("r1", offers=CAMERA), worker("r2", offers=CAMERA | ARM), worker("r3")]
+LIMITED = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("now", 2, ready_only=True), job("any", 3)]
 
 
 @pytest.mark.parametrize("most_cells", [0, 1e7])
-def test_a_robot_that_lacks_something_cannot_do_what_needs_it(needy, monkeypatch, most_cells):
+@pytest.mark.parametrize(
+    ("jobs", "robots", "able"),
+    [
+        (JOBS, ROBOTS, [{0, 3}, {0, 1, 2, 3}, {3}]),
+        (LIMITED, [worker("r1"), worker("r2"), worker("r3", ready_s=1.0)], [{1, 2}, {0, 1, 2}, {0, 2}]),
+    ],
+    ids=["what it lacks", "what it is not to be given"],
+)
+def test_a_robot_is_given_only_what_it_can_and_may_do(monkeypatch, most_cells, jobs, robots, able):
     monkeypatch.setattr(vrp_model, "MOST_CELLS", most_cells)
-    model = model_of(needy)
-    able = {0: {0, 3}, 1: {0, 1, 2, 3}, 2: {3}}
-    for robot, visits in able.items():
-        for visit in range(4):
+    model = model_of(line(jobs, robots))
+    for robot, visits in enumerate(able):
+        for visit in range(len(jobs)):
             orders: list[list[int]] = [[], [], []]
             orders[robot] = [visit]
             assert is_feasible(model, *orders) is (visit in visits), (robot, visit)
@@ -61,11 +59,6 @@ def test_a_robot_that_cannot_even_begin_is_no_vehicle_and_orders_are_of_all_robo
 @pytest.mark.parametrize(("usable_j", "fits"), [(6.0, True), (5.99, False)])
 def test_a_robot_goes_as_far_as_its_energy_takes_it_there_and_back(usable_j, fits):
     assert is_feasible(model_of(line([job("a", 3)], [worker("r1", usable_j=usable_j)])), [0]) is fits
-
-
-@pytest.mark.parametrize(("latest_s", "fits"), [(5.0, True), (4.9, False)])
-def test_a_job_must_end_in_time(latest_s, fits):
-    assert is_feasible(model_of(line([job("a", 3, service_s=2.0, latest_s=latest_s)], [worker("r1")])), [0]) is fits
 
 
 @pytest.mark.parametrize(
@@ -88,33 +81,6 @@ def test_a_prize_outweighs_every_way_unless_energy_is_the_objective(objective):
         (vehicle,) = model.data.vehicle_types()
         assert (client.prize >= 2 * vehicle.max_distance) is outweighs
         assert not client.required
-
-
-def test_visits_that_must_be_made_are_required():
-    problem = line([job("a", 1), job("b", 2)], [worker("r1")])
-    arrays = make_arrays(problem)
-    model = VrpModel(problem, arrays, arrays.visits, np.array([False, True]), Objective.ENERGY)
-    assert [client.required for client in model.data.clients()] == [False, True]
-
-
-def test_the_robots_of_a_job_share_its_prize():
-    problem = line([job("alone", 1), job("lift", 2, robots=2)], [worker("r1"), worker("r2")])
-    assert make_arrays(problem).visits.prize_j.tolist() == [10.0, 5.0, 5.0]
-    alone, one, other = (client.prize for client in model_of(problem).data.clients())
-    assert one == other == pytest.approx(alone / 2, rel=1e-3)
-
-
-@pytest.mark.parametrize("most_cells", [0, 1e7])
-def test_a_robot_is_not_given_what_it_is_forbidden_or_what_is_for_those_that_are_ready(monkeypatch, most_cells):
-    monkeypatch.setattr(vrp_model, "MOST_CELLS", most_cells)
-    jobs = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("now", 2, ready_only=True), job("any", 3)]
-    model = model_of(line(jobs, [worker("r1"), worker("r2"), worker("r3", ready_s=1.0)]))
-    able = {0: {1, 2}, 1: {0, 1, 2}, 2: {0, 2}}
-    for robot, visits in able.items():
-        for visit in range(3):
-            orders: list[list[int]] = [[], [], []]
-            orders[robot] = [visit]
-            assert is_feasible(model, *orders) is (visit in visits), (robot, visit)
 
 
 def test_all_kernels_of_a_plan_are_compiled_before_the_run():

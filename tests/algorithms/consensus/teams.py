@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -113,18 +113,6 @@ def greedy(team: Team) -> dict[str, list[str]]:
         _, name, task = min(found)
         paths[name].append(task)
         left.remove(task)
-
-
-def optimum(team: Team) -> float:
-    names = list(team.scorers)
-    return max(
-        worth(team, {name: [t for t, who in zip(team.tasks, chosen, strict=True) if who == name] for name in names})
-        for chosen in product(names, repeat=len(team.tasks))
-    )
-
-
-def worth(team: Team, paths: Mapping[str, Iterable[str]]) -> float:
-    return math.fsum(team.scorers[name].value(list(path)) for name, path in paths.items())
 
 
 def agree(bidders: Mapping[str, Bidder]) -> bool:

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.algorithms.exploration.explorer import Attempts, Explorer, Scout
+from robrain.algorithms.exploration.explorer import Explorer, Scout
 from robrain.algorithms.exploration.situation import Busy
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
@@ -11,7 +11,7 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.reasons import LacksRange, NothingUnknown
+from robrain.protocol.reasons import LacksRange
 from tests.plain_reason import Plain
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
@@ -59,18 +59,6 @@ def test_each_idle_robot_gets_its_own_end_of_the_corridor():
     assert near(chosen["r1"], 2.0, 2.75)
     assert near(chosen["r2"], 7.95, 2.75)
     assert [candidate.length_m for candidate in explorer.candidates] == pytest.approx([1.5, 1.5])
-
-
-def test_a_pocket_waits_while_there_is_much_unknown_floor_somewhat_farther_away():
-    floor = corridor()
-    for wall in ((1.4, 1.9, 1.5, 3.6), (1.5, 1.9, 2.0, 2.0), (1.5, 3.5, 2.0, 3.6)):
-        floor.draw(*wall, OCCUPIED)
-    explorer = Explorer(floor.team_map)
-    (chosen,) = places(explorer.choose([robot("r1", 3.0)], [], 0)).values()
-    assert near(chosen, 7.95, 2.75)
-    pocket, end = sorted(explorer.candidates, key=lambda candidate: candidate.place.x_m)
-    assert pocket.unknown_m2 == pytest.approx(0.75)
-    assert end.unknown_m2 > 6.0
 
 
 def test_a_failed_place_is_shunned_for_fifteen_seconds_by_the_robot_that_failed_alone():
@@ -174,66 +162,12 @@ def test_failure_at_a_goal_counts_once_for_each_time_a_robot_was_sent_there_thro
     assert explorer.choose([robot("r1")], [], to_ns(120.0)) == []
 
 
-def test_a_robot_says_so_if_others_explore_all_frontiers():
-    explorer = Explorer(rooms(8).team_map)
-    (choice,) = explorer.choose([robot("r1"), robot("r2")], [], 0)
-    (left,) = {"r1", "r2"} - {choice.robot}
-    assert explorer.idle == {left: Plain("others_explore", frontiers=1)}
-
-
-def test_with_nothing_unknown_left_a_robot_says_so():
-    floor = corridor()
-    for x_m in (1.9, 8.0):
-        floor.draw(x_m, 1.9, x_m + 0.1, 3.6, OCCUPIED)
-    explorer = Explorer(floor.team_map)
-    assert explorer.choose([robot("r1")], [], 0) == []
-    assert explorer.idle == {"r1": NothingUnknown()}
-
-
-@pytest.mark.parametrize(
-    ("column", "row", "is_seen"),
-    [(6, 0, True), (-6, 0, True), (0, 6, True), (0, -6, True), (6, 6, True), (-6, -6, True),
-     (7, 0, False), (-7, 0, False), (0, 7, False), (0, -7, False)],
-)  # fmt: skip
-def test_a_place_is_worth_another_visit_when_more_is_seen_within_sixty_centimetres_of_it(column, row, is_seen):
-    floor, attempts = Floor((2.0, 2.0, 2.1, 2.1)), Attempts()
-    place = Point2D(5.05, 3.05)
-    attempts.record_visit(place, floor.team_map.grid)
-    assert attempts.is_spent(place, floor.team_map.grid)
-    x_m, y_m = 5.0 + 0.1 * column, 3.0 + 0.1 * row
-    floor.draw(x_m, y_m, x_m + 0.1, y_m + 0.1)
-    assert attempts.is_spent(place, floor.team_map.grid) is not is_seen
-
-
-def attempts_until_rest(attempt):
-    """Frontiers to which a robot is sent within ten minutes, while the edge of the floor moves each time."""
-    floor, sent = corridor(), []
-    floor.draw(1.9, 1.9, 2.0, 3.6, OCCUPIED)
-    explorer = Explorer(floor.team_map)
-    for turn in range(600):
-        for choice in explorer.choose([robot("r1", 7.0)], [], to_ns(turn)):
-            sent.append(choice.place)
-            attempt(explorer, choice.place, to_ns(turn))
-        # A wall cell that comes and goes moves the middle of the frontier, and uncovers nothing.
-        floor.draw(7.9, 2.0, 8.0, 2.1 + 0.1 * (turn % 5), OCCUPIED)
-        floor.draw(7.9, 2.1 + 0.1 * (turn % 5), 8.0, 3.5)
-    return sent
-
-
 def visit(explorer, place, _now_ns):
     explorer.record_visit(place)
 
 
 def fail(explorer, place, now_ns):
     explorer.record_failure("r1", place, now_ns)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("attempt", [visit, fail])
-def test_a_frontier_that_moves_with_each_change_of_the_map_is_tried_a_few_times_only(attempt):
-    sent = attempts_until_rest(attempt)
-    assert 1 <= len(sent) <= 8
-    assert len(set(sent)) > 1
 
 
 @pytest.mark.parametrize("attempt", [visit, fail])
@@ -269,11 +203,3 @@ def test_robot_is_sent_to_no_frontier_from_which_its_energy_does_not_last_to_a_c
     assert chosen(3.0) == {}
     assert explorer.idle["r1"] == LacksRange(frontiers=2, reach_m=3.0)
     assert near(chosen(3.0, ())["r1"], 7.95, 2.75)
-
-
-def test_charger_that_the_map_knows_no_path_to_is_taken_to_be_half_as_far_again_as_the_straight_line():
-    explorer = Explorer(corridor().team_map)
-    one = robot("r1", 4.0)._replace(homes=(Point2D(2.0, 5.5),))
-    least_m = 2.0 + 1.5 * math.hypot(0.0, 2.75)
-    assert "r1" in places(explorer.choose([one._replace(reach_m=least_m + 1.5)], [], 0))
-    assert explorer.choose([one._replace(reach_m=least_m - 1.5)], [], 0) == []

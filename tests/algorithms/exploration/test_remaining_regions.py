@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from robrain.algorithms.exploration.map_survey import NO_ROOM, floor_rooms, unknown_shares
 from robrain.algorithms.exploration.narrow_passages import Gap
 from robrain.algorithms.exploration.remaining_regions import Evidence, exploration_left
 from robrain.protocol.messages.maps.map_messages import REGIONS_MAX, LeftKind
@@ -35,10 +36,6 @@ def left(classes: np.ndarray, **evidence: object):
 
 def test_nothing_is_left_of_a_room_that_is_all_known() -> None:
     assert left(drawn()).regions == []
-
-
-def test_without_the_place_of_any_robot_nothing_is_said() -> None:
-    assert left(drawn(*wall_with_gap(0)), robots=[]).regions == []
 
 
 def test_floor_seen_through_a_fence_without_gaps_on_the_map_is_unreachable() -> None:
@@ -98,32 +95,6 @@ def test_unknown_beyond_a_frontier_that_robots_reach_is_unseen() -> None:
     assert region.area_m2 == pytest.approx(2.0 * 4.1)  # to 2 m from the middle of the edge, on all sides
 
 
-def test_a_frontier_where_robots_failed_twice_is_tried() -> None:
-    (region,) = left(drawn(DOORWAY), failures=[(Point2D(8.0, 5.0), 2)]).regions
-    assert region.kind is LeftKind.TRIED
-
-
-def test_an_unseen_region_behind_a_gap_that_may_be_too_narrow_has_its_width() -> None:
-    (region,) = left(drawn(*wall_with_gap(3), DOORWAY)).regions
-    assert (region.kind, region.gap_m, region.needed_m) == (LeftKind.UNSEEN, pytest.approx(0.4), 0.44)
-    gap = Gap(Point2D(3.8, 5.15), 0.41, 1, 0)
-    (region,) = left(drawn(*wall_with_gap(3), DOORWAY), gaps=[gap]).regions
-    assert (region.kind, region.gap_m) == (LeftKind.TOO_NARROW, 0.41)
-
-
-def test_a_gap_elsewhere_is_no_reason() -> None:
-    (region,) = left(drawn(DOORWAY), gaps=[Gap(Point2D(2.0, 4.0), 0.41, 2, 0)]).regions
-    assert region.kind is LeftKind.UNSEEN
-
-
-def test_a_robot_behind_the_wall_reaches_the_floor_there() -> None:
-    assert left(drawn(*wall_with_gap(0)), robots=[ROBOT, Point2D(6.0, 5.0)]).regions == []
-
-
-def test_corners_and_small_pockets_are_not_named() -> None:
-    assert left(drawn((4.0, 3.0, 5.0, 4.0, OCCUPIED), (4.3, 3.3, 4.8, 3.8, FREE))).regions == []
-
-
 def test_of_many_regions_the_largest_are_named_and_the_others_summed() -> None:
     geometry = GridGeometry(0.1, 0.0, 0.0, 170, 70)
     classes = np.full(geometry.shape, OCCUPIED, np.int8)
@@ -134,3 +105,67 @@ def test_of_many_regions_the_largest_are_named_and_the_others_summed() -> None:
     found = exploration_left(classes, geometry, Evidence([Point2D(14.0, 3.0)], 0.2))
     assert [region.area_m2 for region in found.regions] == [0.8] * REGIONS_MAX
     assert (found.more, found.more_m2) == (8, pytest.approx(8 * 0.64))
+
+
+CELL_M = 0.1
+
+
+def walled(rows=40, columns=80):
+    classes = np.full((rows, columns), FREE, np.int8)
+    classes[[0, -1]] = classes[:, [0, -1]] = OCCUPIED
+    return classes
+
+
+def two_rooms(door_cells):
+    """Two rooms of 3.8 by 3.9 m with a door in the middle of the wall between them."""
+    classes = walled()
+    classes[:, 40] = OCCUPIED
+    first = 20 - door_cells // 2
+    classes[first : first + door_cells, 40] = FREE
+    return classes
+
+
+def test_a_door_parts_two_rooms():
+    rooms = floor_rooms(two_rooms(8), CELL_M)
+    assert len({rooms[20, 10], rooms[20, 70]}) == 2
+    assert len(np.unique(rooms[2:-2, 2:36])) == 1
+    assert len(np.unique(rooms[2:-2, 45:-2])) == 1
+
+
+def test_rooms_behind_a_wall_without_a_door_are_two_and_numbers_are_without_gaps():
+    rooms = floor_rooms(two_rooms(0), CELL_M)
+    assert sorted(np.unique(rooms)) == [NO_ROOM, 0, 1]
+
+
+def test_a_corridor_is_parted_from_the_rooms_along_it():
+    classes = walled(60, 90)
+    classes[20] = OCCUPIED
+    classes[21:, [30, 60]] = OCCUPIED
+    for middle in (15, 45, 75):
+        classes[20, middle - 4 : middle + 4] = FREE
+    rooms = floor_rooms(classes, CELL_M)
+    assert len({rooms[10, 45], rooms[45, 15], rooms[45, 45], rooms[45, 75]}) == 4
+
+
+def strip(length=20):
+    """Known floor of two cells at each end, unknown floor between them: one row."""
+    classes = np.full((1, length), UNKNOWN, np.int8)
+    classes[0, :2] = classes[0, -2:] = FREE
+    return classes
+
+
+def test_two_frontiers_share_what_is_between_them():
+    assert unknown_shares(strip(), [(0, 1), (0, 18)], 100).tolist() == [8, 8]
+
+
+def test_an_unseen_region_behind_a_gap_that_may_be_too_narrow_has_its_width() -> None:
+    (region,) = left(drawn(*wall_with_gap(3), DOORWAY)).regions
+    assert (region.kind, region.gap_m, region.needed_m) == (LeftKind.UNSEEN, pytest.approx(0.4), 0.44)
+    gap = Gap(Point2D(3.8, 5.15), 0.41, 1, 0)
+    (region,) = left(drawn(*wall_with_gap(3), DOORWAY), gaps=[gap]).regions
+    assert (region.kind, region.gap_m) == (LeftKind.TOO_NARROW, 0.41)
+
+
+def test_a_frontier_where_robots_failed_twice_is_tried() -> None:
+    (region,) = left(drawn(DOORWAY), failures=[(Point2D(8.0, 5.0), 2)]).regions
+    assert region.kind is LeftKind.TRIED

@@ -78,15 +78,6 @@ def test_a_robot_that_is_turned_by_hand_knows_it() -> None:
     assert base.gyro.bias_rad_s == pytest.approx(0.05, abs=0.001)
 
 
-def test_steady_turning_of_another_value_for_five_seconds_is_another_bias() -> None:
-    base = Base().stand(2.0)
-    base.bias_rad_s = 0.12
-    base.stand(4.9)
-    assert base.gyro.bias_rad_s == pytest.approx(0.05)
-    base.stand(1.0)
-    assert base.gyro.bias_rad_s == pytest.approx(0.12)
-
-
 @pytest.mark.parametrize("bias_rad_s", [1.1 * BIAS_MAX_RAD_S, -5.0])
 def test_a_gyroscope_that_is_far_off_is_not_used(bias_rad_s: float) -> None:
     base = Base(bias_rad_s).stand(3.0).run(2.0, 1.0, 0.8)
@@ -119,3 +110,12 @@ def test_a_gyroscope_that_contradicts_the_wheels_is_not_used_until_it_agrees(sca
     before_rad, turned_rad = base.yaw_rad, base.turned_rad
     base.run(2.0, 0.5, 0.8)
     assert base.yaw_rad - before_rad == pytest.approx(base.turned_rad - turned_rad, abs=0.02)
+
+
+def test_steady_turning_of_another_value_for_five_seconds_is_another_bias() -> None:
+    base = Base().stand(2.0)
+    base.bias_rad_s = 0.12
+    base.stand(4.9)
+    assert base.gyro.bias_rad_s == pytest.approx(0.05)
+    base.stand(1.0)
+    assert base.gyro.bias_rad_s == pytest.approx(0.12)

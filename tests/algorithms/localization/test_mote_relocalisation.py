@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from robrain.algorithms.localization.mote_relocalisation import Signals, find_robot
-from robrain.algorithms.localization.rssi_ranging import PathLoss
-from robrain.protocol.model.geometry import Pose2D
+from robrain.algorithms.localization.mote_relocalisation import RECORDS, RecentSignals, Signals, find_robot
+from robrain.algorithms.localization.odometry import moved_along
+from robrain.algorithms.localization.rssi_ranging import PathLoss, RssiSample
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 
 LOSS = PathLoss(shadowing_db=3.0, fading_db=2.0)
 CLEAR = PathLoss(shadowing_db=1.0, fading_db=1.0)
@@ -79,3 +82,51 @@ def test_the_answer_is_mean_and_covariance_of_the_posterior(true, seed, loss):
         assert 0.85 * spread[i, i] < covariance[i, i] < 1.4 * spread[i, i]
         for j in range(i):
             assert covariance[i, j] == pytest.approx(spread[i, j], abs=0.15 * sigmas[i] * sigmas[j])
+
+
+STEPS = st.lists(st.builds(Twist2D, *[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=12)
+
+
+def sample(mote, rssi_dbm=-70.0):
+    return RssiSample(f"m{mote}", Point2D(float(mote), 2.0 * mote), rssi_dbm)
+
+
+def full(records, motes):
+    signals = RecentSignals()
+    for number in range(records):
+        signals.receive(sample(number % motes))
+    return signals
+
+
+@pytest.mark.parametrize(
+    ("records", "motes", "path_m", "is_enough"),
+    [(24, 4, 2.01, True), (23, 4, 2.01, False), (24, 3, 2.01, False), (24, 4, 2.0, False), (64, 9, 50.0, True)],
+)
+def test_a_robot_can_be_looked_for_after_24_signals_of_four_motes_over_two_metres(records, motes, path_m, is_enough):
+    assert full(records, motes).can_find(path_m) is is_enough
+
+
+def test_memory_is_bounded_and_the_latest_count():
+    signals = RecentSignals()
+    for number in range(RECORDS + 10):
+        signals.receive(sample(0, -float(number)))
+    assert len(signals) == RECORDS
+    assert signals.seen_from_here().rssi_dbm.tolist() == [-float(number) for number in range(10, RECORDS + 10)]
+
+
+@settings(deadline=None)
+@given(STEPS)
+def test_places_are_where_the_robot_was_seen_from_where_it_is(steps):
+    signals, pose, heard_at = RecentSignals(), Pose2D(3.0, -2.0, 1.0), []
+    for number, step in enumerate(steps):
+        signals.receive(sample(number % 3, -60.0 - number))
+        heard_at.append(pose)
+        pose = moved_along(pose, step)
+        signals.move(step)
+    seen = signals.seen_from_here()
+    for place, at in zip(seen.places.tolist(), heard_at, strict=True):
+        back = pose.compose(Pose2D(place[0], place[1], 0.0))
+        assert (back.x_m, back.y_m) == pytest.approx((at.x_m, at.y_m), abs=1e-9)
+    for number, mote in enumerate(seen.motes.tolist()):
+        assert seen.mote_places[mote].tolist() == [float(number % 3), 2.0 * (number % 3)]
+    assert seen.rssi_dbm.tolist() == [-60.0 - number for number in range(len(steps))]

@@ -1,10 +1,12 @@
+"""Poses between those that were measured."""
+
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.odometry import moved
+from robrain.algorithms.localization.odometry import PoseTrack, moved
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 
 START = Pose2D(1.0, -2.0, 0.7)
@@ -48,13 +50,26 @@ def test_without_turning_the_way_is_straight(forward, left):
     assert_same_pose(end, START.compose(Pose2D(forward, left, 0.0)), 1e-12)
 
 
-@given(st.floats(-1e-4, 1e-4))
-def test_almost_straight_is_almost_the_straight_way(turn):
-    end = moved(Pose2D(0.0, 0.0, 0.0), Twist2D(1.0, 0.0, turn))
-    assert (end.x_m, end.y_m) == pytest.approx((1.0, turn / 2), abs=1e-7)
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+TRACK = [(100, Pose2D(0.0, 0.0, 3.0)), (200, Pose2D(1.0, -2.0, -3.0)), (400, Pose2D(3.0, 0.0, -3.0))]
 
 
-@given(SPEEDS, SPEEDS, st.floats(-3.0, 3.0))
-def test_driving_backwards_undoes_driving_forwards(forward, left, turn):
-    there = moved(START, Twist2D(forward, left, turn))
-    assert_same_pose(moved(there, Twist2D(-forward, -left, -turn)), START, 1e-8)
+def test_outside_it_is_the_nearest_entry_and_without_any_the_first_pose() -> None:
+    track = PoseTrack(ORIGIN, 8, TRACK)
+    assert (track.pose_at(0), track.pose_at(400), track.pose_at(999)) == (TRACK[0][1], TRACK[2][1], TRACK[2][1])
+    assert (track.pose, track.until_ns) == (TRACK[2][1], 400)
+    empty = PoseTrack(ORIGIN, 8)
+    assert (empty.pose_at(5), empty.until_ns) == (ORIGIN, None)
+
+
+def test_only_the_last_entries_are_kept() -> None:
+    track = PoseTrack(ORIGIN, 2)
+    for stamp_ns, pose in TRACK:
+        track.add(stamp_ns, pose)
+    assert track.pose_at(150) == TRACK[1][1]
+
+
+def test_between_two_entries_it_lies_between_them_the_short_way_round() -> None:
+    found = PoseTrack(ORIGIN, 8, TRACK).pose_at(150)
+    assert (found.x_m, found.y_m) == (0.5, -1.0)
+    assert abs(found.yaw_rad) == pytest.approx(math.pi)

@@ -8,13 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.algorithms.localization.pose_accuracy import (
-    GAP_MAX_S,
-    NEES_BOUND,
     PoseAccuracyMeter,
     nees,
     position_sigma_m,
 )
-from robrain.protocol.model.accuracy import RECENT_SCANS, recent_agreement
 from robrain.protocol.model.geometry import Pose2D
 
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -42,14 +39,6 @@ def test_errors_are_those_of_the_samples():
     assert told.error_m == pytest.approx(0.4)
     assert told.nees == pytest.approx(12.5)
     assert told.nees_in_band == 0.0
-
-
-def test_yaw_is_compared_the_short_way_round():
-    meter = PoseAccuracyMeter()
-    meter.add(0.0, Pose2D(0.0, 0.0, math.pi - 0.05), SURE, "", Pose2D(0.0, 0.0, 0.05 - math.pi))
-    assert meter.accuracy.yaw_rmse_rad == pytest.approx(0.1)
-    assert meter.accuracy.nees == pytest.approx(0.0)
-    assert meter.accuracy.nees_with_yaw == pytest.approx(1.0)
 
 
 def test_lost_robot_counts_for_the_time_that_it_is_lost_and_for_no_error():
@@ -80,41 +69,6 @@ def test_robot_is_silently_off_if_it_is_far_off_and_does_not_say_so(error_m, tol
     assert accuracy.silent_for_s == accuracy.silent_divergence_s
 
 
-def test_longest_silent_stretch_is_told_beside_the_sum_and_the_one_that_lasts():
-    off, well = (2.0, SURE, ""), (0.0, SURE, "")
-    told = fed(well, off, off, off, well, off, off)
-    assert told.silent_divergence_s == pytest.approx(1.0)
-    assert told.longest_silent_divergence_s == pytest.approx(0.6)
-    assert told.silent_for_s == pytest.approx(0.4)
-    assert fed(off, off, well).silent_for_s == 0.0
-
-
-def test_time_in_which_a_robot_says_nothing_counts_for_nothing_and_ends_a_stretch():
-    meter = PoseAccuracyMeter()
-    for time_s in (0.0, 1.0, 1.0 + GAP_MAX_S, 2.1 + 2 * GAP_MAX_S):
-        meter.add(time_s, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
-    assert meter.accuracy.silent_divergence_s == pytest.approx(1.0 + GAP_MAX_S)
-    assert meter.accuracy.silent_for_s == 0.0
-    assert meter.accuracy.samples == 4
-
-
-def test_sample_that_is_not_later_than_the_one_before_is_left_out():
-    meter = PoseAccuracyMeter()
-    for time_s, error_m in ((1.0, 0.1), (1.0, 5.0), (0.5, 5.0)):
-        meter.add(time_s, Pose2D(error_m, 0.0, 0.0), SURE, "", HERE)
-    assert meter.accuracy.samples == 1
-    assert meter.accuracy.max_error_m == pytest.approx(0.1)
-    meter.add(1.2, Pose2D(2.0, 0.0, 0.0), SURE, "", HERE)
-    assert meter.accuracy.silent_divergence_s == pytest.approx(0.2)
-
-
-def test_share_within_the_bound_counts_samples_that_tell_a_covariance():
-    just_within, just_beyond = (0.1 * math.sqrt(NEES_BOUND + by) for by in (-1e-3, 1e-3))
-    told = fed((just_within, SURE, ""), (just_beyond, SURE, ""), (0.0, SURE, ""), (0.0, (), ""))
-    assert told.samples == 4
-    assert told.nees_in_band == pytest.approx(2 / 3)
-
-
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_nees_is_the_squared_mahalanobis_distance(seed):
@@ -133,12 +87,3 @@ def test_told_deviation_is_that_of_the_worst_direction(seed):
     matrix = factor @ factor.T
     expected_m = math.sqrt(np.linalg.eigvalsh(matrix[:2, :2])[-1])
     assert position_sigma_m(tuple(matrix.ravel().tolist())) == pytest.approx(expected_m, rel=1e-9)
-
-
-def test_agreement_with_the_map_follows_the_last_scans():
-    assert recent_agreement(None, 0.25) == 0.25
-    share = 1.0
-    for _ in range(2 * RECENT_SCANS):
-        before, share = share, recent_agreement(share, 0.5)
-        assert 0.5 < share < before
-    assert share < 0.57

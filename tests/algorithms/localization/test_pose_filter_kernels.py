@@ -85,13 +85,6 @@ def test_a_prediction_is_that_of_the_motion_linearised(
     assert not covariance[SIZE:].any()
 
 
-def test_a_turn_on_the_spot_leaves_the_shadowings_as_they_are() -> None:
-    mean, covariance = np.arange(CAPACITY, dtype=float), np.eye(CAPACITY)
-    kernels.predict(mean, covariance, SIZE, 0.0, 0.0, 0.5, WALKS, SHADOW_DB2, DECORRELATION_M)
-    assert mean[6:SIZE].tolist() == [6.0, 7.0]
-    assert np.array_equal(covariance[6:, 6:], np.eye(3))
-
-
 def kalman(mean: Floats, covariance: Floats, row: Floats, innovation: float, variance: float) -> tuple[Floats, Floats]:
     """Mean and covariance after a measurement, by the textbook."""
     expected = row @ covariance @ row + variance
@@ -176,28 +169,3 @@ def test_a_signal_at_the_gate_is_taken_and_one_beyond_it_changes_nothing() -> No
         assert 1.0 < nis < 100.0
         assert np.array_equal(mean, before[0]) != is_accepted
         assert np.array_equal(covariance, before[1]) != is_accepted
-
-
-def loss(first: int, second: int, poses: Floats, covariances: Floats, weights: Floats) -> float:
-    """Runnalls' bound for merging two parts."""
-    both = weights[first] + weights[second]
-    share_1, share_2 = weights[first] / both, weights[second] / both
-    off = poses[first] - poses[second]
-    merged = share_1 * covariances[first] + share_2 * covariances[second] + share_1 * share_2 * np.outer(off, off)
-    logs = [float(np.linalg.slogdet(each)[1]) for each in (merged, covariances[first], covariances[second])]
-    return float(0.5 * (both * logs[0] - weights[first] * logs[1] - weights[second] * logs[2]))
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 10_000), st.integers(2, 6))
-def test_the_closest_pair_is_the_one_that_loses_least(seed: int, count: int) -> None:
-    rng = np.random.default_rng(seed)
-    poses = rng.normal(0.0, 1.0, (count, 3))
-    roots = rng.normal(0.0, 0.7, (count, 3, 3))
-    covariances = roots @ roots.transpose(0, 2, 1) + 0.05 * np.eye(3)
-    weights = rng.dirichlet(np.ones(count))
-    losses = {pair: loss(*pair, poses, covariances, weights) for pair in itertools.combinations(range(count), 2)}
-    expected = min(losses, key=losses.__getitem__)
-    first, second, least = kernels.closest_pair(poses, covariances, weights)
-    assert (first, second) == expected
-    assert least == pytest.approx(losses[expected])

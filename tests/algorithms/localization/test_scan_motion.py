@@ -79,17 +79,3 @@ def test_directions_that_are_mostly_silent_are_left_out_and_outliers_do_not_coun
     ranges_m = [np.array([1.0, 6.0, 2.0]), np.array([1.04, 6.0, 2.0]), np.array([0.1, 3.0, 2.0])]
     points = still_points([(angles_rad, ranges) for ranges in ranges_m], 6.0)
     assert np.hypot(points[:, 0], points[:, 1]) == pytest.approx([1.02, 2.0])
-
-
-def test_scans_with_other_angles_each_time_are_joined_too() -> None:
-    rng = np.random.default_rng(4)
-    scans = []
-    for _ in range(6):
-        angles_rad = np.sort(rng.uniform(-math.pi, math.pi, 300))
-        scans.append((angles_rad, 2.0 / np.maximum(np.abs(np.cos(angles_rad)), np.abs(np.sin(angles_rad)))))
-    points = still_points(scans, 6.0)
-    assert 150 < len(points) <= 300
-    off_m = np.abs(np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1])) - 2.0)
-    assert (off_m < 0.001).mean() > 0.97  # but at the corners
-    bearings = np.arctan2(points[:, 1], points[:, 0])
-    assert (np.diff(bearings) > 0).sum() >= len(points) - 2

@@ -44,22 +44,6 @@ def test_track_and_ratio_of_the_wheels_come_out_as_they_are(track: float, ratio:
     assert errors.wheel_ratio == pytest.approx(ratio, abs=0.004)
 
 
-def test_with_what_was_found_the_squares_close() -> None:
-    true, said = base(0.31, 1.015), base()
-    before = [end_of_square(true, said, corner) for corner in (-1.0, 1.0)]
-    errors = odometry_errors(before[:1], before[1:], SIDE_M, TRACK_M)
-    corrected = base(TRACK_M * errors.track_factor, errors.wheel_ratio)
-    after = [end_of_square(true, corrected, corner) for corner in (-1.0, 1.0)]
-    left = odometry_errors(after[:1], after[1:], SIDE_M, TRACK_M)
-    assert errors.largest_m > 0.1
-    assert left.largest_m < 0.1 * errors.largest_m
-
-
-def test_headings_count_for_more_than_places_as_they_are_measured_more_exactly() -> None:
-    errors = odometry_errors([SquareEnd(0.0, 0.0, -0.04)], [SquareEnd(0.0, 0.0, 0.04)], SIDE_M, TRACK_M)
-    assert 0.007 < errors.corner_rad < 0.01
-
-
 @pytest.mark.parametrize(
     ("clockwise", "counter", "side_m", "track_m"),
     [

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robrain.algorithms.localization.scan_match import without_dropouts
 from robrain.algorithms.mapping.map_accuracy import OFF_M, measure_map_accuracy
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 
-MAP = GridGeometry(0.1, -1.0, 2.0, 60, 40)
 PLAN = GridGeometry(0.05, -1.0, 2.0, 120, 80)
 """The same floor of 6 × 4 m at twice the resolution."""
 WALL_COLUMN = 60
@@ -24,21 +24,6 @@ def floor(geometry=PLAN, column=WALL_COLUMN):
     if column is not None:
         walls[:, column] = True
     return walls
-
-
-def measure(classes, walls=None, geometry=MAP, plan=PLAN):
-    return measure_map_accuracy(classes, geometry, floor() if walls is None else walls, plan)
-
-
-def test_everything_beyond_the_edge_of_the_plan_counts_as_wall():
-    open_floor = np.zeros(PLAN.shape, np.bool_)
-    classes = np.full(MAP.shape, UNKNOWN)
-    classes[20, [0, 2, 3, 57, 59]] = OCCUPIED  # 0.05, 0.25, 0.35, 0.25 and 0.05 m from an edge
-    assert measure(classes, open_floor).cells_off == 1
-    larger = GridGeometry(0.1, -3.0, 0.0, 120, 80)
-    outside = np.full(larger.shape, FREE)
-    outside[5, 5] = outside[79, 119] = OCCUPIED
-    assert measure(outside, open_floor, larger).cells_off == 0
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.04, 0.1, 0.23]), st.sampled_from([0.0, 0.013, -0.371]))
@@ -73,3 +58,34 @@ def distance_to_wall_m(place, walls, plan):
         dy_m = max(low_y_m - y_m, y_m - low_y_m - plan.resolution_m, 0.0)
         least_m = min(least_m, math.hypot(dx_m, dy_m))
     return least_m
+
+
+BEAMS = 12
+
+
+def ranges(*missed, miss_m=6.0):
+    ranges_m = np.full(BEAMS, 2.0)
+    ranges_m[list(missed)] = miss_m
+    return ranges_m
+
+
+@pytest.mark.parametrize("miss_m", [6.0, 7.5, math.inf, math.nan])
+@pytest.mark.parametrize(
+    ("missed", "dropped"),
+    [
+        ((), []),
+        ((5,), [5]),
+        ((3, 5), [3, 5]),
+        ((4, 5, 6), [4, 5, 6]),
+        ((4, 5, 6, 7), []),
+        ((4, 5, 6, 7, 8), []),
+        ((1, 4, 5, 6, 7), [1]),
+        ((0, 11), [0, 11]),
+        ((0, 1, 10, 11), []),
+        (range(BEAMS), []),
+    ],
+)
+def test_fewer_than_four_neighbouring_beams_without_a_return_say_nothing(missed, dropped, miss_m):
+    heard_m = without_dropouts(ranges(*missed, miss_m=miss_m), 6.0, 4)
+    silent = [beam for beam in range(BEAMS) if math.isnan(heard_m[beam])]
+    assert silent == (sorted(missed) if math.isnan(miss_m) else dropped)

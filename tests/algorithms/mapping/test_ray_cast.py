@@ -1,3 +1,5 @@
+"""Rays on floors with glass and mirrors, on a grid of 0.1 m cells."""
+
 import math
 
 import numpy as np
@@ -5,7 +7,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.mapping.ray_cast import cast_rays
+from robrain.algorithms.mapping.ray_cast import (
+    GLASS_X,
+    MIRROR_EAST,
+    MIRROR_NORTH,
+    MIRROR_SOUTH,
+    MIRROR_WEST,
+    SOLID,
+    cast_rays,
+)
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 
@@ -81,20 +91,72 @@ def test_circle_is_measured_to_its_rim_and_hides_what_is_behind_it() -> None:
     assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(0.8)
 
 
-@pytest.mark.parametrize(("rim_m", "seen_m"), [(1.4999, 1.4999), (1.5001, 1.5), (1.6, 1.5)])
-def test_of_many_circles_only_those_within_range_are_seen(rim_m: float, seen_m: float) -> None:
-    far = [[SENSOR.x_m + 10.0 + k, SENSOR.y_m, 0.3] for k in range(5)]
-    circles = np.array([*far, [SENSOR.x_m + rim_m + 0.3, SENSOR.y_m, 0.3], *far])
-    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 1.5, circles)[0] == pytest.approx(seen_m, abs=1e-9)
-
-
-def test_sensor_does_not_see_the_body_it_sits_in() -> None:
-    circles = np.array([[SENSOR.x_m, SENSOR.y_m, 0.2]])
-    assert cast_rays(NOTHING, GEOMETRY, SENSOR, AHEAD, 9.0, circles)[0] == pytest.approx(2.95)
-
-
 @pytest.mark.parametrize("sensor", [Pose2D(-5.0, 0.0, 0.0), Pose2D(2.95, 0.95, 0.0)])
 def test_sensor_outside_or_in_a_wall_measures_zero(sensor: Pose2D) -> None:
     occupied = NOTHING.copy()
     occupied[29, 39] = True
     assert cast_rays(occupied, GEOMETRY, sensor, AHEAD, 9.0, NO_CIRCLES)[0] == 0.0
+
+
+ECHO_RAD = 0.2
+MIRRORS = SOLID | MIRROR_WEST | MIRROR_EAST | MIRROR_SOUTH | MIRROR_NORTH
+
+
+def floor(x_m=None, surface=SOLID, cells=1):
+    """A floor with a wall along y of so many cells from x, all of one surface."""
+    surfaces = np.zeros(GEOMETRY.shape, np.uint8)
+    if x_m is not None:
+        column = GEOMETRY.cell_of(x_m + 0.01, 0.0)[1]
+        surfaces[:, column : column + cells] = surface
+    return surfaces
+
+
+def cast(surfaces, *angles_rad, sensor=SENSOR, circles=NO_CIRCLES, range_max_m=9.0, echo_rad=ECHO_RAD):
+    return cast_rays(surfaces, GEOMETRY, sensor, np.array(angles_rad), range_max_m, circles, echo_rad)
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), yaw_rad=st.floats(-4.0, 4.0))
+@pytest.mark.slow
+def test_on_solid_walls_ranges_are_those_of_the_quick_kernel(seed, yaw_rad):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random(GEOMETRY.shape) < 0.05
+    sensor = Pose2D(SENSOR.x_m, SENSOR.y_m, yaw_rad)
+    circles = np.column_stack((rng.uniform(-1, 3, 3), rng.uniform(-2, 1, 3), rng.uniform(0.05, 0.2, 3)))
+    angles_rad = np.linspace(-math.pi, math.pi, 40)
+    for range_max_m in (1.5, 9.0):
+        quick_m = cast_rays(occupied, GEOMETRY, sensor, angles_rad, range_max_m, circles)
+        ranges_m = cast(occupied.astype(np.uint8), *angles_rad, sensor=sensor, circles=circles, range_max_m=range_max_m)
+        assert np.array_equal(ranges_m, quick_m)
+
+
+@pytest.mark.parametrize("cells", [1, 3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_pane_returns_beams_near_its_normal_and_lets_others_pass(cells, side):
+    surfaces = floor(1.0, SOLID | GLASS_X, cells)
+    surfaces[:, -1] = SOLID
+    inside_rad, outside_rad = side * (ECHO_RAD - 0.01), side * (ECHO_RAD + 0.01)
+    ranges_m = cast(surfaces, 0.0, inside_rad, outside_rad)
+    assert ranges_m[0] == pytest.approx(0.95)
+    assert ranges_m[1] == pytest.approx(0.95 / math.cos(inside_rad))
+    assert ranges_m[2] == pytest.approx(2.85 / math.cos(outside_rad))
+
+
+@pytest.mark.parametrize(
+    ("yaw_rad", "mirror_m", "across_m"),
+    [(0.0, 2.85, 3.8), (math.pi, 0.95, 3.8), (math.pi / 2, 1.45, 2.8), (-math.pi / 2, 1.35, 2.8)],
+)
+def test_beam_is_thrown_back_once_and_a_second_mirror_is_a_wall(yaw_rad, mirror_m, across_m):
+    surfaces = np.zeros(GEOMETRY.shape, np.uint8)
+    for edge in (surfaces[0, :], surfaces[-1, :], surfaces[:, 0], surfaces[:, -1]):
+        edge[:] = MIRRORS
+    sensor = Pose2D(SENSOR.x_m, SENSOR.y_m, yaw_rad)
+    path_m = mirror_m + across_m
+    assert cast(surfaces, 0.0, 0.05, sensor=sensor) == pytest.approx([path_m, path_m / math.cos(0.05)])
+
+
+def test_beam_off_a_mirror_has_the_length_of_its_whole_way():
+    surfaces = floor(1.0, SOLID | MIRROR_WEST)
+    surfaces[GEOMETRY.cell_of(0.0, 0.61)[0], :] = SOLID
+    slant_rad = math.atan2(1.15, 1.5)  # 0.95 m ahead to the mirror, 0.55 m back, 1.15 m to the left
+    assert cast(surfaces, slant_rad) == pytest.approx([math.hypot(1.15, 1.5)])

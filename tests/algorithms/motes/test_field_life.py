@@ -4,10 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.motes.field_life import FieldLife, FieldPlan, MoteSite, RobotFigures, Routing, field_life
+from robrain.algorithms.motes.field_life import FieldLife, FieldPlan, MoteSite, Routing, field_life
 from robrain.algorithms.motes.mote_energy import DAY_S, mica2
-from robrain.algorithms.motes.routes import RadioGraph
-from robrain.lab.bench.motes import lifetime_bound_days
 from robrain.protocol.model.geometry import Point2D
 from tests.algorithms.motes.fields import ORIGIN, scattered
 
@@ -49,18 +47,6 @@ def test_all_energy_and_every_reading_is_accounted_for(seed: int, plan: dict[str
     assert 0.0 <= life.coverage <= 1.0
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_no_field_without_robots_outlives_the_bound_and_routes_in_turn_come_near_it(seed: int) -> None:
-    where = site(seed)
-    graph = RadioGraph(where.places, where.sink, where.range_m)
-    full_j = [ENERGY.capacity_j] * len(where.places)
-    bound_days = lifetime_bound_days(graph, full_j, where.energy, 1.0 / where.period_s)
-    first_days = live(where).first_days
-    assert 0.9 * bound_days <= first_days <= bound_days
-    beacons = 0.001
-    assert live(where, routing=Routing.TREE).first_days <= (1.0 + beacons) * first_days
-
-
 def test_mote_alone_lives_as_long_as_its_cells() -> None:
     where = MoteSite(places=(Point2D(5.0, 0.0),), sink=ORIGIN, size_m=10.0)
     life = live(where, routing=Routing.TREE)
@@ -77,13 +63,6 @@ def test_cut_off_mote_s_readings_arrive_by_robot_alone() -> None:
     assert life.delivery_ratio > 0.99
     assert life.age_h == pytest.approx(6.0, abs=0.1)
     assert life.driven_m == pytest.approx(100.0 * 2 * 365, rel=0.01)
-
-
-def test_robot_on_tour_takes_what_standing_and_driving_take() -> None:
-    where = MoteSite(places=(Point2D(50.0, 0.0),), sink=ORIGIN, size_m=60.0)
-    robot = RobotFigures(speed_m_s=1.0, idle_w=5.0, driving_j_per_m=7.0, readings_per_s=1440.0)
-    life = live(where, routing=Routing.NONE, tours_per_day=1.0, robot=robot)
-    assert life.robot_j / (life.driven_m / 100.0) == pytest.approx(100.0 * 7.0 + 101.0 * 5.0)
 
 
 @pytest.mark.slow
@@ -104,9 +83,3 @@ def test_motes_in_turn_live_longer_and_cover_as_much() -> None:
     in_turn = live(where, tours_per_day=1.0, goal_days=500.0, rotates_duty=True)
     assert in_turn.half_days > 1.5 * all_on.half_days
     assert in_turn.coverage > all_on.coverage - 0.01
-
-
-def test_full_memory_loses_readings() -> None:
-    where = site(1, log_readings=720)
-    life = live(where, routing=Routing.NONE, tours_per_day=1.0)
-    assert life.delivery_ratio == pytest.approx(0.5, abs=0.01)

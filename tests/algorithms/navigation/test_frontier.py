@@ -21,15 +21,6 @@ def test_border_of_known_floor_is_a_frontier_named_by_its_middle() -> None:
     assert find_frontiers(room()) == [Frontier(row=9, column=9, cells=20)]
 
 
-def test_arena_edge_is_no_frontier() -> None:
-    assert find_frontiers(np.full((9, 9), FREE)) == []
-
-
-def test_small_groups_are_dropped() -> None:
-    assert find_frontiers(room(height=3), min_cells=4) == []
-    assert len(find_frontiers(room(height=3), min_cells=3)) == 1
-
-
 def test_long_frontier_is_shared_out_in_even_pieces() -> None:
     frontiers = find_frontiers(room(height=90))
     assert sorted(frontier.cells for frontier in frontiers) == [30, 30, 30]

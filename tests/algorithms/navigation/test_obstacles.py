@@ -13,11 +13,6 @@ POINTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=20).
 )
 
 
-def test_nothing_around_is_nothing_to_touch():
-    assert contact_distance_m(np.empty((2, 0)), 0.0, 0.0, 0.0, 0.2) == math.inf
-    assert sector_distances_m(np.empty((2, 0)), 0.0, 0.0, 0.0, 8) == [math.inf] * 8
-
-
 @pytest.mark.parametrize(
     ("point", "distance_m"),
     [
@@ -53,43 +48,6 @@ def test_sectors_count_counter_clockwise_from_where_the_robot_looks():
     points_m = np.array([[0.0, 0.0, -1.0], [2.0, -3.0, 0.0]])
     nearest_m = sector_distances_m(points_m, 0.0, 0.0, math.pi / 2, 4)
     assert nearest_m == [2.0, 1.0, 3.0, math.inf]
-
-
-def walls(left_m: float, right_m: float, *, from_m: float = -1.0, to_m: float = 1.0) -> np.ndarray:
-    """Points every centimetre along two walls beside the x axis."""
-    along_m = np.arange(from_m, to_m, 0.01)
-    return np.concatenate(
-        [np.stack((along_m, np.full_like(along_m, left_m))), np.stack((along_m, np.full_like(along_m, -right_m)))],
-        axis=1,
-    )
-
-
-def test_between_two_walls_the_room_on_either_side_is_told():
-    found = passage(walls(0.25, 0.22), 0.0, 0.0, 0.0, 0.2)
-    assert found.free_m == math.inf
-    assert (found.left_m, found.right_m) == pytest.approx((0.25, 0.22))
-
-
-def test_a_wall_that_the_hull_does_not_pass_ends_the_way():
-    found = passage(walls(0.25, 0.19, from_m=0.3), 0.0, 0.0, 0.0, 0.2)
-    assert found.free_m == pytest.approx(0.3 + 0.02 - math.sqrt(0.2**2 - 0.19**2), abs=0.01)
-    assert found.right_m == pytest.approx(0.19)
-
-
-def test_the_noise_of_one_range_does_not_shut_a_way_and_a_post_does():
-    stray = np.concatenate([walls(0.25, 0.25), [[0.1], [0.18]]], axis=1)
-    assert passage(stray, 0.0, 0.0, 0.0, 0.2).free_m == math.inf
-    post = np.concatenate([walls(0.25, 0.25), [[0.5], [0.1]]], axis=1)
-    assert passage(post, 0.0, 0.0, 0.0, 0.2).free_m == pytest.approx(0.5 - math.sqrt(0.17**2 - 0.1**2))
-
-
-@given(st.floats(0.2, 0.3), st.floats(0.2, 0.3), COORDINATES, COORDINATES, st.floats(-4, 4))
-def test_a_passage_is_the_same_wherever_it_lies(left_m, right_m, x_m, y_m, heading_rad):
-    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-    points_m = np.array([[cos, -sin], [sin, cos]]) @ walls(left_m, right_m) + [[x_m], [y_m]]
-    found = passage(np.ascontiguousarray(points_m), x_m, y_m, heading_rad, 0.199)
-    assert (found.left_m, found.right_m) == pytest.approx((left_m, right_m))
-    assert found.free_m == math.inf
 
 
 def test_towards_something_near_a_disc_goes_no_faster_than_what_is_left_allows():
@@ -140,13 +98,6 @@ def test_passage_is_what_its_rules_say_for_any_points() -> None:
         found.append(passage(points_m, x_m, y_m, heading_rad, 0.2))
         assert found[-1] == pytest.approx(plain_passage(points_m, x_m, y_m, heading_rad, 0.2), abs=1e-9)
     assert all(50 < sum(map(math.isfinite, column)) < 290 for column in zip(*found, strict=True))
-
-
-def test_wall_beside_the_robot_counts_to_a_little_behind_its_centre() -> None:
-    """Three points on the left, the rearmost of which decides."""
-    for behind_m, left_m in ((0.14, 0.25), (0.16, math.inf)):
-        points_m = np.array([[-behind_m, -0.05, 0.05], [0.25, 0.25, 0.25]])
-        assert passage(points_m, 0.0, 0.0, 0.0, 0.2).left_m == pytest.approx(left_m)
 
 
 def lists(points_m: np.ndarray) -> tuple[list[float], list[float]]:

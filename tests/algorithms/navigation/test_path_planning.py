@@ -1,3 +1,5 @@
+"""Whether a straight line between two places touches only cells that may be driven on."""
+
 import heapq
 import math
 from itertools import pairwise
@@ -8,8 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.path_planning import (
-    CUT_CELLS,
-    _search,
     distance_field,
     nearest_traversable,
     plan_path,
@@ -19,8 +19,6 @@ from robrain.algorithms.navigation.path_planning import (
 
 OPEN = np.ones((12, 16), np.bool_)
 EVEN = np.ones(OPEN.shape, np.float32)
-WALLED = OPEN.copy()
-WALLED[:10, 8] = False
 
 
 def random_world(seed: int, *, even: bool = False) -> tuple[np.ndarray, np.ndarray, tuple[int, int], tuple[int, int]]:
@@ -89,22 +87,6 @@ def test_distance_field_is_that_of_a_plain_dijkstra(seed: int) -> None:
     assert field == pytest.approx(cheapest(traversable, cost, source))
 
 
-@pytest.mark.slow
-@settings(deadline=None, max_examples=33)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 1.0]), st.sampled_from([10.0, 1e3, 1e7]))
-def test_distance_field_is_right_however_much_costs_differ(seed: int, least: float, times: float) -> None:
-    traversable, cost, source, _ = random_world(seed)
-    cost = np.where(cost > np.median(cost), cost * times, least).astype(np.float32)
-    field = distance_field(traversable, cost, np.array([source], np.int64))
-    assert field == pytest.approx(cheapest(traversable, cost, source))
-
-
-def test_search_for_one_goal_looks_at_a_part_of_the_floor_only() -> None:
-    mask, cost = np.ones((80, 80), np.bool_), np.ones((80, 80), np.float32)
-    parent = _search(mask, cost, 40, 40, 40, 60)
-    assert 20 <= (parent >= 0).sum() < 0.05 * parent.size
-
-
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_shortened_path_sees_from_corner_to_corner(seed: int) -> None:
@@ -120,26 +102,6 @@ def test_shortened_path_sees_from_corner_to_corner(seed: int) -> None:
         rows = np.linspace(row, to_row, 400)
         columns = np.linspace(column, to_column, 400)
         assert traversable[np.rint(rows).astype(int), np.rint(columns).astype(int)].all()
-
-
-def test_path_to_where_one_stands_is_that_cell() -> None:
-    path = plan_path(OPEN, EVEN, (3, 3), (3, 3))
-    assert path is not None
-    assert path.tolist() == [[3, 3]]
-
-
-def test_sources_in_walls_and_outside_are_passed_over() -> None:
-    field = distance_field(WALLED, EVEN, np.array([[0, 8], [-1, 0], [40, 2]]))
-    assert np.isinf(field).all()
-    assert np.isinf(distance_field(WALLED, EVEN, np.empty((0, 2), np.int64))).all()
-
-
-def test_path_is_kept_where_a_stricter_mask_forbids_its_cells() -> None:
-    path = plan_path(OPEN, EVEN, (5, 0), (5, 15))
-    assert path is not None
-    roomy = OPEN.copy()
-    roomy[:, 6:9] = False
-    assert shorten_path(path, roomy)[:, 1].tolist() == [0, 5, 6, 7, 8, 9, 15]
 
 
 def test_nearest_traversable_cell_is_found_within_its_radius() -> None:
@@ -158,14 +120,6 @@ def test_corner_is_cut_twice_each_time_at_a_quarter_of_its_shorter_side() -> Non
     # First from (0, 9) to (3, 12); then each of these by a quarter of the 3·√2 between them.
     back = 0.75 * math.sqrt(2.0)
     expected = [(0, 0), (0, 9 - back), (0.75, 9.75), (2.25, 11.25), (3 + back, 12), (16, 12)]
-    assert rounded == pytest.approx(np.array(expected))
-
-
-def test_no_more_is_cut_off_a_corner_than_two_radii_of_a_robot() -> None:
-    open_floor = np.ones((80, 80), np.bool_)
-    rounded = round_corners(np.array([[0, 0], [0, 60], [60, 60]], np.int32), open_floor)
-    back = math.sqrt(2.0)
-    expected = [(0, 0), (0, 60 - CUT_CELLS - back), (1, 57), (3, 59), (CUT_CELLS + back, 60), (60, 60)]
     assert rounded == pytest.approx(np.array(expected))
 
 

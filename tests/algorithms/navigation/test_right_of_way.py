@@ -1,12 +1,29 @@
+"""The compiled right of way against its docstring, written in plain Python."""
+
+import heapq
 import math
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.algorithms.navigation.right_of_way import STEP_M, DrivenPath, Margins, Track, meet, release, sample_path
-from robrain.protocol.model.geometry import Point2D
+from robrain.algorithms.navigation import right_of_way as escape
+from robrain.algorithms.navigation.right_of_way import (
+    HEAD_START_S,
+    STEP_M,
+    DrivenPath,
+    Margins,
+    Release,
+    Track,
+    escape_cells,
+    meet,
+    release,
+    sample_path,
+)
+from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.grid_geometry import GridGeometry
 
 MARGINS = Margins()
 SPEED_M_S = 0.6
@@ -25,11 +42,6 @@ def track(positions, *, first=True, held_at=None):
 OWN = line(0, 0, 8, 0)
 
 
-def test_with_nobody_there_all_is_released():
-    found = release(OWN, SPEED_M_S, [], MARGINS)
-    assert (found.positions, found.is_whole, found.must_leave, found.by) == (len(OWN), True, False, -1)
-
-
 def test_head_on_who_yields_must_leave_and_who_goes_first_drives_on():
     oncoming = line(8, 0, 0, 0)
     yields = release(OWN, SPEED_M_S, [track(oncoming)], MARGINS)
@@ -41,11 +53,6 @@ def test_nobody_drives_on_into_one_that_stands_whoever_goes_first():
     stands = track(np.array([(1.0, 0.0)]), first=False)
     allowed = release(OWN, SPEED_M_S, [stands], MARGINS)
     assert 1.0 - OWN[allowed.positions - 1][0] >= KEEP_M + MARGINS.guard_m
-
-
-def test_one_that_is_too_near_may_be_left():
-    behind = track(np.array([(-0.3, 0.0)]), first=False)
-    assert release(OWN, SPEED_M_S, [behind], MARGINS).is_whole
 
 
 @pytest.mark.slow
@@ -64,11 +71,6 @@ def test_two_that_keep_to_what_they_are_released_do_not_touch_in_the_next_second
     for k in range(round(MARGINS.guard_s * SPEED_M_S / STEP_M)):
         apart_m = np.hypot(*(mine[min(k, first - 1)] - other[min(k, yields - 1)]))
         assert apart_m >= KEEP_M - 1e-9
-
-
-def test_ways_that_meet():
-    assert meet(OWN, track(line(4, -4, 4, 4)), 0.1)
-    assert not meet(OWN, track(line(0, 1, 8, 1)), 0.1)
 
 
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=1, max_size=6))
@@ -98,49 +100,6 @@ def test_the_points_up_to_a_place_end_there():
     assert way.points_until(math.inf)[-1] == pytest.approx((1.0, 1.0))
 
 
-def test_points_until_a_place_leave_out_what_was_passed():
-    corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0), (2.0, 2.0)]
-    way = DrivenPath(np.array(corners))
-    for at in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.5)):
-        way.ahead(*at, 10.0)
-    assert way.points_until(3.5).tolist() == [[1.0, 1.0], [2.0, 1.0], [2.0, 1.5]]
-    assert way.points_until(math.inf).tolist() == [list(corner) for corner in corners[2:]]
-
-
-def test_way_of_one_point_has_no_length_and_ends_there():
-    way = DrivenPath(np.array([(1.0, 2.0)]))
-    assert (way.length_m, way.left_m, way.end) == (0.0, 0.0, Point2D(1.0, 2.0))
-    assert way.points_until(math.inf).tolist() == [[1.0, 2.0]]
-    assert way.ahead(1.0, 2.1, 5.0).tolist() == [[1.0, 2.1]]
-
-
-@pytest.mark.parametrize("limit_m", [0.3, 0.5, 0.7, 1.2])
-def test_way_that_is_cut_off_has_a_position_at_the_limit_and_none_beyond(limit_m):
-    positions = sample_path(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]), limit_m)
-    assert positions.shape == (round(limit_m / STEP_M) + 1, 2)
-    assert positions.sum(axis=1) == pytest.approx(STEP_M * np.arange(len(positions)))
-
-
-def test_end_of_a_way_is_a_position_of_its_own_if_it_is_no_whole_number_of_steps_away():
-    assert line(0, 0, 0.25, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.25])
-    assert line(0, 0, 0.205, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2])  # as good as there
-    assert line(0, 0, 0.3, 0)[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert sample_path(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.25)[-1, 0] == 0.25
-    assert sample_path(np.array([(0.0, 0.0), (0.25, 0.0)]), 0.24)[-1, 0] == pytest.approx(0.2)
-
-
-def test_guard_looks_as_far_ahead_as_its_time_and_no_farther():
-    """At 0.4 m/s the robot is at 1 m after exactly the 2.5 s of the guard."""
-
-    def released(mate_x_m):
-        stands = track(np.array([(mate_x_m, 0.0)]), first=False)
-        return release(OWN, 0.4, [stands], MARGINS)
-
-    assert MARGINS.guard_s * 0.4 == 1.0
-    assert (released(1.4).positions, released(1.4).by) == (9, 0)
-    assert released(1.5).is_whole
-
-
 def test_ways_meet_where_any_positions_are_nearer_than_reach_and_not_as_near():
     far, near = np.array([(0.0, 0.0), (10.0, 0.0)]), np.array([(5.0, 5.0), (10.0, 0.5)])
     assert meet(far, track(near), 0.11)
@@ -148,3 +107,216 @@ def test_ways_meet_where_any_positions_are_nearer_than_reach_and_not_as_near():
     assert meet(near, track(far), 0.11)
     as_near = Track(np.array([(0.0, 0.5)]), SPEED_M_S, 0, 0.25, goes_first=True)
     assert meet(far, as_near, 0.25) is False
+
+
+claims = st.builds(
+    Claim,
+    cornered=st.integers(0, 2),
+    priority=st.integers(-1, 2),
+    waited=st.integers(0, 2),
+    path_length_m=st.sampled_from([0.0, 1.5, 9.0]),
+)
+names = st.sampled_from(["r1", "r2", "r10"])
+
+
+@given(claims, claims, names, names)
+def test_of_any_two_robots_one_goes_first_and_both_see_it_alike(one, other, name, other_name):
+    if name != other_name:
+        assert one.beats(name, other, other_name) != other.beats(other_name, one, name)
+
+
+@given(claims, claims, claims)
+def test_who_goes_first_is_an_order(first, second, third):
+    if first.beats("a", second, "b") and second.beats("b", third, "c"):
+        assert first.beats("a", third, "c")
+
+
+def test_priority_counts_before_the_way_and_the_way_before_the_name():
+    assert Claim(priority=1, path_length_m=9.0).beats("b", Claim(path_length_m=1.0), "a")
+    assert Claim(path_length_m=1.0).beats("b", Claim(path_length_m=9.0), "a")
+    assert Claim().beats("a", Claim(), "b")
+
+
+def test_waiting_is_as_good_as_priority():
+    assert Claim(waited=2).beats("b", Claim(priority=1), "a")
+
+
+def test_who_was_cornered_last_goes_first():
+    assert Claim(cornered=2).beats("b", Claim(cornered=1, priority=5), "a")
+    assert Claim(cornered=1).beats("b", Claim(priority=5), "a")
+
+
+@given(claims, claims)
+def test_who_makes_room_for_somebody_comes_next_after_that_one(claim, other):
+    lent = claim.lend("a")
+    assert claim.beats("a", lent, "b")
+    if claim.beats("a", other, "c") and other.rank("c")[:3] != claim.rank("a")[:3]:
+        assert lent.beats("b", other, "c")
+    assert lent.beats("b", lent.lend("b"), "c")
+
+
+DODGE_M = 0.02
+EITHER_WAY_S = 0.5
+
+
+def _line(draw: np.random.Generator) -> np.ndarray:
+    return sample_path(draw.uniform(0.0, 5.0, (int(draw.integers(1, 4)), 2)), 100.0)
+
+
+def _track(draw: np.random.Generator) -> Track:
+    positions = _line(draw)
+    last = len(positions) - 1
+    held_at = last if draw.random() < 0.6 else int(draw.integers(0, last + 1))
+    return Track(positions, draw.choice([0.2, 0.6, 1.1]), held_at, 0.4, goes_first=bool(draw.random() < 0.6))
+
+
+def _plain_release(own: np.ndarray, speed_m_s: float, tracks: list[Track], margins: Margins) -> Release:
+    step_s = STEP_M / speed_m_s
+    contested_by, late, meets = [-1] * len(own), [False] * len(own), [False] * len(own)
+    for mate, track in enumerate(tracks):
+        if not track.goes_first:
+            continue
+        last = len(track.positions) - 1
+        for k, place in enumerate(own):
+            for j, other in enumerate(track.positions):
+                if math.dist(place, other) >= track.keep_m + margins.contest_m:
+                    continue
+                contested_by[k] = mate if contested_by[k] < 0 else contested_by[k]
+                own_s, mate_s = k * step_s, j * STEP_M / track.speed_m_s
+                stays = track.held_at < last or j == last
+                waits_there = k == len(own) - 1 and mate_s >= own_s
+                for told, slack_s in ((late, margins.slack_s), (meets, 0.5 * step_s)):
+                    told[k] |= waits_there or (mate_s <= own_s + slack_s and (stays or mate_s >= own_s - slack_s))
+    end, by, must_leave = len(own), -1, False
+    for is_contested, group in groupby(range(len(own)), key=lambda k: contested_by[k] >= 0):
+        stretch = list(group)
+        begins_here = stretch[0] == 0
+        if is_contested and any((meets if begins_here else late)[k] for k in stretch):
+            end, by, must_leave = max(stretch[0], 1), contested_by[stretch[0]], begins_here
+            break
+    for mate, track in enumerate(tracks):
+        now_m = math.dist(track.positions[0], own[0])
+        for k in range(1, end):
+            own_s = k * step_s
+            if own_s > margins.guard_s:
+                break
+            step_of_mate_s = STEP_M / track.speed_m_s
+            low = min(track.held_at, int(max(0.0, own_s - EITHER_WAY_S) / step_of_mate_s))
+            high = min(track.held_at, int((own_s + EITHER_WAY_S) / step_of_mate_s) + 1)
+            nearest_m = min(math.dist(track.positions[j], own[k]) for j in range(low, high + 1))
+            if nearest_m < track.keep_m + margins.guard_m and nearest_m < now_m - DODGE_M:
+                end, by = max(1, k - 1), mate
+                break
+    return Release(end, is_whole=end == len(own), must_leave=must_leave, by=by)
+
+
+@pytest.mark.slow
+def test_release_is_what_its_rules_say_for_any_ways() -> None:
+    draw = np.random.default_rng(12)
+    seen = []
+    for _ in range(400):
+        own, tracks = _line(draw), [_track(draw) for _ in range(int(draw.integers(0, 4)))]
+        speed_m_s = draw.choice([0.3, 0.6])
+        found = release(own, speed_m_s, tracks, MARGINS)
+        assert found == _plain_release(own, speed_m_s, tracks, MARGINS)
+        seen.append(found)
+    assert {found.by for found in seen} == {-1, 0, 1, 2}
+    assert {found.must_leave for found in seen} == {False, True}
+    assert 50 < sum(found.is_whole for found in seen) < 350
+
+
+def test_mate_that_hardly_moves_is_foreseen_where_it_is() -> None:
+    own = sample_path(np.array([(0.0, 0.0), (4.0, 0.0)]), 100.0)
+    mate = sample_path(np.array([(1.2, 0.0), (1.2, 4.0)]), 100.0)
+    found = release(own, 0.6, [Track(mate, 0.0, 0, 0.4, goes_first=False)], MARGINS)
+    assert found.positions * STEP_M == pytest.approx(1.2 - 0.4 - MARGINS.guard_m, abs=0.21)
+
+
+GEOMETRY = GridGeometry(0.2, -1.0, 0.5, 24, 18)
+APART_M = 0.2
+REACH_M = KEEP_M + APART_M
+
+
+def _distance_m(cell: tuple[int, int], position: np.ndarray) -> float:
+    place = GEOMETRY.center_of(*cell)
+    return math.dist((place.x_m, place.y_m), position)
+
+
+def _drawn_track(draw: np.random.Generator) -> Track:
+    positions = sample_path(draw.uniform((-1.0, 0.5), (3.8, 4.1), (int(draw.integers(1, 4)), 2)), 100.0)
+    return Track(positions, draw.choice([0.3, 0.9]), len(positions) - 1, KEEP_M, goes_first=bool(draw.random() < 0.7))
+
+
+def _closes_s(cell: tuple[int, int], start: tuple[int, int], tracks: list[Track]) -> float:
+    closes_s = [math.inf]
+    for track in tracks:
+        for k, position in enumerate(track.positions):
+            if track.goes_first and _distance_m(cell, position) < REACH_M:
+                closes_s.append(HEAD_START_S + k * STEP_M / track.speed_m_s)
+        now = track.positions[0]
+        if _distance_m(cell, now) < min(REACH_M, _distance_m(start, now)) - 1e-9:
+            closes_s.append(0.0)
+    return min(closes_s)
+
+
+def _neighbours(free: set[tuple[int, int]], cell: tuple[int, int]) -> list[tuple[int, int]]:
+    row, column = cell
+    around = [(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    return [near for near in around if {near, (row, near[1]), (near[0], column)} <= free]
+
+
+def _first_refuge_s(free: set[tuple[int, int]], start: tuple[int, int], tracks: list[Track]) -> float:
+    """When the first cell is reached that never closes; inf for never."""
+    arrives_s, heap = {start: 0.0}, [(0.0, start)]
+    while heap:
+        at_s, cell = heapq.heappop(heap)
+        if math.isinf(_closes_s(cell, start, tracks)):
+            return at_s
+        for near in _neighbours(free, cell):
+            near_s = at_s + math.dist(cell, near) * GEOMETRY.resolution_m / SPEED_M_S
+            if near_s < arrives_s.get(near, math.inf) and near_s < _closes_s(near, start, tracks):
+                arrives_s[near] = near_s
+                heapq.heappush(heap, (near_s, near))
+    return math.inf
+
+
+@pytest.mark.parametrize("window_m", [12.0, 0.8])
+def test_way_out_is_the_quickest_on_which_each_cell_is_reached_before_it_closes(
+    window_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(escape, "WINDOW_M", window_m)
+    within = round(window_m / GEOMETRY.resolution_m)
+    draw = np.random.default_rng(3)
+    lengths = []
+    for _ in range(100):
+        mask = draw.random(GEOMETRY.shape) < draw.choice([0.5, 0.75, 0.95])
+        tracks = [_drawn_track(draw) for _ in range(int(draw.integers(1, 3)))]
+        start = GEOMETRY.cell_of(*draw.choice(tracks[0].positions))
+        mask[start] = True
+        if min(_distance_m(start, track.positions[0]) for track in tracks) < REACH_M and not any(
+            track.goes_first and _distance_m(start, track.positions[0]) < REACH_M - 0.01 for track in tracks
+        ):
+            continue  # the start lies exactly on the rim of what must not be approached
+        free = {
+            (int(row), int(column))
+            for row, column in np.argwhere(mask)
+            if abs(row - start[0]) <= within and abs(column - start[1]) <= within
+        }
+        cells = escape_cells(mask, GEOMETRY, start, SPEED_M_S, tracks, APART_M)
+        expected_s = _first_refuge_s(free, start, tracks)
+        if cells is None:
+            assert math.isinf(expected_s)
+            lengths.append(0)
+            continue
+        way = [(int(row), int(column)) for row, column in cells]
+        assert way[0] == start
+        at_s = 0.0
+        for before, cell in pairwise(way):
+            assert cell in _neighbours(free, before)
+            at_s += math.dist(before, cell) * GEOMETRY.resolution_m / SPEED_M_S
+            assert at_s < _closes_s(cell, start, tracks)
+        assert math.isinf(_closes_s(way[-1], start, tracks))
+        assert at_s == pytest.approx(expected_s)
+        lengths.append(len(way))
+    assert lengths.count(0) >= 3
+    assert sum(length > 2 for length in lengths) >= 10

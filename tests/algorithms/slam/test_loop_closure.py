@@ -1,7 +1,9 @@
+"""How far from the belief a scan is looked for on a submap, and how well it has to lie there."""
+
 import numpy as np
 import pytest
 
-from robrain.algorithms.slam.loop_closure import Contradiction, Lying, geometry_of, lay_on
+from robrain.algorithms.slam.loop_closure import Contradiction, Lying, lay_on
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from tests.algorithms.mapping.lidar_floor import CORRIDOR, CORRIDOR_PLACES, GEOMETRY, ROOM, ROOM_PLACES
 from tests.algorithms.slam.submap_walks import off
@@ -29,15 +31,6 @@ def test_a_scan_comes_to_lie_where_it_was_made_in_the_submaps_frame(T_arena_loca
     assert np.all(sigmas > (0.005, 0.005, 0.001)), "it is laid on cells, not on the walls themselves"
 
 
-def test_where_the_belief_is_not_sure_the_place_is_looked_for():
-    submap = ROOM.submap(*ROOM_PLACES)
-    believed = beside(TRUE, 0.9, -0.7, 0.3)
-    lying = lay_on(submap, GEOMETRY, believed, ROOM.points(TRUE), 0.6, 0.2)
-    assert isinstance(lying, Lying)
-    assert off(lying.sensor, TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
-    assert not isinstance(lay_on(submap, GEOMETRY, believed, ROOM.points(TRUE), *SURE), Lying)
-
-
 def test_a_place_that_is_looked_for_and_not_found_tells_nothing():
     submap = ROOM.submap(*ROOM_PLACES)
     assert lay_on(submap, GEOMETRY, Pose2D(7.0, 5.0, 0.0), ROOM.points(Pose2D(1.0, 1.0, 1.5)), 0.3, 0.05) is None
@@ -50,14 +43,6 @@ def test_a_scan_that_lies_elsewhere_contradicts_a_submap_that_knows_the_place():
     assert contradiction.agrees < 0.75
 
 
-@pytest.mark.slow
-def test_a_submap_that_does_not_know_the_place_tells_nothing():
-    submap = ROOM.submap(Pose2D(7.0, 5.0, 0.0))
-    assert lay_on(submap, GEOMETRY, Pose2D(60.0, 40.0, 0.0), ROOM.points(TRUE), *SURE) is None
-    assert lay_on(submap, GEOMETRY, TRUE, np.empty((0, 2)), *SURE) is None
-    assert lay_on(submap, GEOMETRY, TRUE, ROOM.points(TRUE)[::30], *SURE) is None
-
-
 def test_along_a_corridor_nothing_is_told():
     submap, true = CORRIDOR.submap(*CORRIDOR_PLACES), Pose2D(6.0, 4.0, 0.1)
     lying = lay_on(submap, GEOMETRY, beside(true, 0.1, 0.05, 0.02), CORRIDOR.points(true), *SURE)
@@ -68,19 +53,35 @@ def test_along_a_corridor_nothing_is_told():
     assert values[0] < 0.01 * values[1]
 
 
-def test_the_frame_of_a_submaps_cells_is_on_the_teams_lattice():
-    submap = ROOM.submap(*ROOM_PLACES)
-    geometry = geometry_of(submap, GEOMETRY)
-    assert geometry.shape == submap.evidence.shape
-    assert geometry.origin_x_m == pytest.approx(0.1 * submap.column)
-    row, column = geometry.cell_of(0.25, 3.05)
-    assert submap.evidence[row, column] > 0  # the wall on the left
-    row, column = geometry.cell_of(1.55, 3.05)
-    assert submap.evidence[row, column] < 0
+SUBMAP = ROOM.submap(*ROOM_PLACES)
 
 
-@pytest.mark.parametrize(("count", "is_enough"), [(19, False), (20, True)])
-def test_a_scan_of_twenty_beams_can_be_laid(count, is_enough):
-    submap, points = ROOM.submap(*ROOM_PLACES), ROOM.points(TRUE)
-    few = points[np.linspace(0, len(points) - 1, count).astype(int)]
-    assert (lay_on(submap, GEOMETRY, TRUE, few, *SURE) is not None) == is_enough
+def laid(x_m: float, turn_rad: float, sigma_m: float, sigma_rad: float) -> Lying | Contradiction | None:
+    """A scan of TRUE, laid on the submap by a robot that believes to be so far beside it."""
+    believed = Pose2D(TRUE.x_m + x_m, TRUE.y_m, TRUE.yaw_rad + turn_rad)
+    return lay_on(SUBMAP, GEOMETRY, believed, ROOM.points(TRUE), sigma_m, sigma_rad)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "turn_rad", "sigma_m", "sigma_rad", "is_found"),
+    [
+        (1.0, 0.0, 0.35, 0.01, True),
+        (1.0, 0.0, 0.21, 0.01, False),  # more than three standard deviations
+        (0.0, 0.45, 0.01, 0.16, True),
+        (0.0, 0.45, 0.01, 0.1, False),
+        (2.45, 0.0, 9.0, 0.01, True),
+        (3.2, 0.0, 9.0, 0.01, False),  # so far nobody looks
+        (0.0, 0.5, 0.01, 0.9, True),
+        (0.0, 0.75, 0.01, 0.9, False),
+        (0.5, 0.0, 0.21, 0.01, True),
+        (0.5, 0.0, 0.19, 0.01, False),  # one that is so sure does not look for its place
+        (0.0, 0.17, 0.01, 0.061, True),
+    ],
+)
+def test_a_scan_is_looked_for_as_far_as_the_belief_may_be_wrong(
+    x_m: float, turn_rad: float, sigma_m: float, sigma_rad: float, is_found: bool
+) -> None:
+    lying = laid(x_m, turn_rad, sigma_m, sigma_rad)
+    assert isinstance(lying, Lying) == is_found
+    if isinstance(lying, Lying):
+        assert lying.sensor.distance_m(TRUE) < 0.02

@@ -1,9 +1,11 @@
+"""The limits of what a mate may tell of its submaps: how far away, how many surfaces, and what comes last."""
+
 import zlib
 
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -12,7 +14,9 @@ from robrain.algorithms.mapping.patch_cells import MAX_CELLS, OCCUPIED_MAX
 from robrain.algorithms.slam import submap_atlas
 from robrain.algorithms.slam.map_patch import (
     MESSAGE_CELLS_MAX,
+    SharedSteps,
     in_own_time,
+    is_near_grid,
     joined_message,
     map_stamp_ms,
     merge_message,
@@ -20,10 +24,11 @@ from robrain.algorithms.slam.map_patch import (
     to_message,
     whole_map,
 )
+from robrain.algorithms.slam.submap import SURFACE, SURFACES_MAX
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.messages.maps.map_messages import MapPatch
-from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 
@@ -55,13 +60,6 @@ def classes_with(row, column, cells):
     return expected
 
 
-def test_a_patch_says_on_the_other_side_what_it_said_on_this():
-    atlas = SubmapAtlas(GEOMETRY)
-    assert merge_message(atlas, PATCH) == 5
-    assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
-    assert merge_message(atlas, PATCH) == 0
-
-
 @pytest.mark.slow
 @given(st.data())
 def test_every_patch_survives_the_wire(data):
@@ -83,51 +81,6 @@ def test_a_patch_is_drawn_where_its_submap_lies():
     assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
 
 
-def test_a_message_without_cells_moves_a_submap_and_another_withdraws_it():
-    atlas = atlas_of(PATCH)
-    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE)))
-    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
-    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE, withdrawn=True)))
-    assert atlas.submaps == {}
-    assert atlas.grid.known_count == 0
-
-
-def test_several_patches_travel_in_one_message():
-    second = to_message("r1", GEOMETRY, PatchCells(5, 7, CELLS, 2000), 1)
-    parts = joined_message("r1", GEOMETRY, [PATCH, second, pose_message("r1", GEOMETRY, 0, ASIDE)])
-    atlas = SubmapAtlas(GEOMETRY)
-    assert merge_message(atlas, over_the_wire(parts)) == 10
-    expected = atlas_of(PATCH, second)
-    expected.move(("r1", 0), ASIDE)
-    assert np.array_equal(atlas.grid.classes(), expected.grid.classes())
-    assert not np.array_equal(atlas.grid.classes(), atlas_of(PATCH, second).grid.classes())
-
-
-OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
-
-
-def told_in(frame, number=0, place=ASIDE):
-    return to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), number, place, frame)
-
-
-def test_a_patch_says_in_which_map_frame_its_submap_lies():
-    atlas = atlas_of(over_the_wire(told_in(OWN)))
-    assert atlas.place_of(("r1", 0), OWN) == ASIDE
-    assert atlas.place_of(("r1", 0)) is None
-    assert atlas.grid.known_count == 0
-    assert np.array_equal(atlas.composed(OWN).classes(), classes_with(3, 5, CELLS))
-
-
-def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told_in():
-    atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
-    frames = (OWN, ARENA, OTHER)
-    parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
-    merge_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
-    for number, frame in enumerate(frames):
-        assert atlas.place_of(("r1", number), frame) == ASIDE
-    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
-
-
 def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
     late = to_message("r1", GEOMETRY, PatchCells(8, 9, CELLS[:1], 9000))
     atlas = atlas_of(PATCH, late, to_message("r2", GEOMETRY, PatchCells(4, 4, CELLS, 500), 2, ASIDE))
@@ -147,45 +100,6 @@ def test_a_whole_map_says_all_that_is_known_and_when_each_tile_was_seen():
         merge_message(elsewhere, message)
     assert elsewhere.grid.classes()[3, 3] == OCCUPIED
     assert elsewhere.grid.classes()[8, 9] == FREE
-
-
-def test_a_whole_map_is_drawn_once_however_many_submaps_overlap(monkeypatch):
-    """Drawn one by one, each would redraw all others, which took a restarted mapper seconds."""
-    rng = np.random.default_rng(5)
-    geometry = GridGeometry(0.05, 0.0, 0.0, 64, 64)
-    one_by_one = SubmapAtlas(geometry)
-    for number in range(40):
-        for at in rng.integers(0, 64 - 20, (3, 2)).tolist():  # several observation times, so known tiles are redrawn
-            cells = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.int8), (20, 20))
-            step = PatchCells(*at, cells, int(rng.integers(1, 9000)))
-            merge_message(one_by_one, to_message("r1", geometry, step, number, ASIDE))
-    whole = whole_map("r1", one_by_one, sorted(one_by_one.submaps))
-    together = SubmapAtlas(geometry)
-    assert merge_message(together, whole) > 0
-    draws = []
-    draw = SubmapAtlas._draw
-    monkeypatch.setattr(SubmapAtlas, "_draw", lambda atlas, *rest: draws.append(1) or draw(atlas, *rest))
-    version = together.grid.version
-    assert merge_message(together, whole) == 0  # as after a restart of the mapper
-    assert together.grid.version == version
-    assert 0 < len(draws) <= 40
-    assert np.array_equal(together.grid.log_odds, one_by_one.grid.log_odds)
-    assert np.array_equal(together.grid.stamp_ms, one_by_one.grid.stamp_ms)
-    assert together.grid.known_count == one_by_one.grid.known_count
-
-
-def test_what_is_taken_after_a_refused_part_is_drawn():
-    spoilt = msgspec.structs.replace(PATCH, submap=1, cells=b"nonsense")
-    atlas = SubmapAtlas(GEOMETRY)
-    with pytest.raises(ValueError, match="r1"):
-        merge_message(atlas, joined_message("r1", GEOMETRY, [PATCH, spoilt]))
-    assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
-    merge_message(atlas, to_message("r1", GEOMETRY, PatchCells(6, 6, CELLS, 2000), 2))
-    assert atlas.grid.classes()[6, 7] == OCCUPIED
-
-
-def test_there_is_no_whole_map_of_nothing():
-    assert whole_map("r1", SubmapAtlas(GEOMETRY), []) is None
 
 
 def test_hearsay_fills_gaps_and_does_not_contradict_the_robot_itself():
@@ -259,17 +173,6 @@ def test_numbers_that_no_patch_has_are_refused_where_it_is_decoded(fields):
         over_the_wire(changed(**fields))
 
 
-@pytest.mark.parametrize(("row", "column", "known"), [(8, 3, 2), (-1, 3, 3), (2, 10, 4), (2, -2, 1), (40, 40, 0)])
-def test_of_a_patch_that_leaves_the_grid_the_part_inside_is_drawn(row, column, known):
-    atlas = SubmapAtlas(GEOMETRY)
-    assert merge_message(atlas, over_the_wire(changed(row=row, column=column))) == known
-    everywhere = np.full((100, 100), UNKNOWN)
-    everywhere[50 + row : 52 + row, 50 + column : 53 + column] = CELLS
-    assert np.array_equal(atlas.grid.classes(), everywhere[50:59, 50:62])
-    merge_message(atlas, pose_message("r1", GEOMETRY, 0, Pose2D(0.05 * (3 - column), 0.05 * (2 - row), 0.0)))
-    assert np.array_equal(atlas.grid.classes(), classes_with(2, 3, CELLS))
-
-
 def test_a_patch_that_is_nearly_all_wall_is_refused():
     geometry = GridGeometry(0.1, 0.0, 0.0, 200, 200)
     cells = np.full((100, 100), OCCUPIED)
@@ -279,26 +182,6 @@ def test_a_patch_that_is_nearly_all_wall_is_refused():
     expected = f"at most {OCCUPIED_MAX} occupied cells .* got 7100 and 2900 free ones"
     with pytest.raises(ValueError, match=expected):
         merge_message(SubmapAtlas(geometry), to_message("r1", geometry, PatchCells(0, 0, cells, 5)))
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"cells": b"garbage"},
-        {"column": 2000, "rows": 1, "columns": 6000, "cells": zlib.compress(bytes(6000))},  # too wide
-        {"tiles_ms": zlib.compress(bytes(4))},  # tiles that do not fit
-        {"surfaces": b"garbage"},
-        {"rows": 0, "columns": 0, "cells": b"", "surfaces": b"garbage"},
-    ],
-    ids=["cells", "size", "tiles", "surfaces", "surfaces alone"],
-)
-def test_a_refused_patch_does_not_move_its_submap(fields):
-    atlas = atlas_of(PATCH)
-    before, version = atlas.grid.classes(), atlas.grid.version
-    with pytest.raises(ValueError, match=r"r1|begins where a tile does|cells a side"):
-        merge_message(atlas, changed(T_arena_local=ASIDE, **fields))
-    assert atlas.submaps["r1", 0].T_arena_local == Pose2D(0.0, 0.0, 0.0)
-    assert (atlas.grid.version, atlas.grid.classes().tolist()) == (version, before.tolist())
 
 
 def test_what_others_tell_leaves_room_for_the_robots_own_cells(monkeypatch):
@@ -316,17 +199,6 @@ def test_a_message_of_more_cells_than_an_atlas_holds_is_refused_unread():
     message = joined_message("r1", GEOMETRY, [part] * (MESSAGE_CELLS_MAX // 4096**2 + 1))
     with pytest.raises(ValueError, match=f"at most {MESSAGE_CELLS_MAX} cells in a message"):
         merge_message(SubmapAtlas(GEOMETRY), message)
-
-
-@given(st.binary(max_size=40))
-def test_no_cells_do_anything_but_merge_or_be_refused(cells):
-    atlas = SubmapAtlas(GEOMETRY)
-    try:
-        merge_message(atlas, changed(cells=zlib.compress(cells)))
-    except ValueError:
-        assert len(cells) != 6
-    else:
-        assert len(cells) == 6
 
 
 @pytest.mark.parametrize("in_part", [False, True])
@@ -357,3 +229,189 @@ def test_patches_of_a_robot_whose_clock_differs_are_observed_when_they_were(now_
 @given(st.integers(0, 1 << 63))
 def test_stamps_of_maps_fit_a_grid(stamp_ns):
     assert 0 <= map_stamp_ms(stamp_ns) < 1 << 31
+
+
+GRID = GridGeometry(0.1, -3.0, 2.0, 60, 40)
+"""60 cells wide, 40 high."""
+KEY = ("r2", 7)
+
+
+def floor(row: int = 0, column: int = 0, cells: int = 1, at: Pose2D = IDENTITY) -> MapPatch:
+    patch = PatchCells(row, column, np.full((1, cells), FREE, np.int8), 5)
+    return to_message("r2", GRID, patch, 7, at)
+
+
+def finished(surfaces: np.ndarray | bytes) -> MapPatch:
+    if isinstance(surfaces, bytes):
+        return msgspec.structs.replace(pose_message("r2", GRID, 7, IDENTITY), surfaces=zlib.compress(surfaces))
+    return pose_message("r2", GRID, 7, IDENTITY, surfaces=surfaces)
+
+
+def surfaces_of(count: int) -> np.ndarray:
+    surfaces = np.zeros(count, SURFACE)
+    surfaces["row"], surfaces["column"] = np.arange(count) // 60, np.arange(count) % 60
+    surfaces["right"], surfaces["view"] = 3, 128
+    return surfaces
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "is_near"),
+    [
+        (-2000, 0, True),
+        (-2001, 0, False),
+        (40 + 2000, 0, True),
+        (40 + 2001, 0, False),
+        (0, -2000, True),
+        (0, -2001, False),
+        (0, 60 + 2000, True),
+        (0, 60 + 2001, False),
+        (-2000, 60 + 2000, True),
+        (20, 30, True),
+    ],
+)
+def test_a_patch_may_lie_two_thousand_cells_outside_the_grid_and_no_farther(
+    row: int, column: int, is_near: bool
+) -> None:
+    assert is_near_grid(GRID, row, column) == is_near
+    atlas = SubmapAtlas(GRID)
+    if is_near:
+        merge_message(atlas, floor(row, column))
+        assert KEY in atlas.submaps
+        return
+    with pytest.raises(ValueError, match="at most 2000 cells outside the grid"):
+        merge_message(atlas, floor(row, column))
+    assert not atlas.submaps
+
+
+@pytest.mark.parametrize("count", [0, 1, 300, SURFACES_MAX])
+def test_a_finished_submap_has_the_surfaces_that_were_told(count: int) -> None:
+    atlas, surfaces = SubmapAtlas(GRID), surfaces_of(count)
+    merge_message(atlas, floor())
+    assert atlas.submaps[KEY].surfaces is None
+    assert merge_message(atlas, finished(surfaces)) == 0
+    told = atlas.submaps[KEY].surfaces
+    assert told is not None
+    assert np.array_equal(told, surfaces)
+    merge_message(atlas, floor(column=1))
+    assert atlas.submaps[KEY].surfaces is told, "later cells do not change the surfaces"
+
+
+@pytest.mark.parametrize(
+    "surfaces",
+    [
+        surfaces_of(SURFACES_MAX + 1).tobytes(),
+        surfaces_of(3).tobytes()[:-1],
+        surfaces_of(3).tobytes() + b"!",
+        bytes(100 * SURFACES_MAX),  # what inflates without end is not inflated to its end
+    ],
+)
+def test_surfaces_that_are_too_many_or_cut_off_are_refused(surfaces: bytes) -> None:
+    atlas = SubmapAtlas(GRID)
+    merge_message(atlas, floor())
+    with pytest.raises(ValueError, match=f"at most {SURFACES_MAX} surfaces of 11 bytes"):
+        merge_message(atlas, finished(surfaces))
+    assert atlas.submaps[KEY].surfaces is None
+
+
+TEAM = GridGeometry(0.5, -3.0, 2.0, 40, 32)
+CLASS = st.sampled_from([FREE, OCCUPIED, UNKNOWN])
+PATCH_CELLS = arrays(np.int8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=CLASS)
+PLACE = st.one_of(
+    st.just(IDENTITY), st.builds(Pose2D, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(-3.1, 3.1))
+)
+
+
+def patch(robot, row, column, cells, stamp_ms, place=IDENTITY):
+    return to_message(robot, TEAM, PatchCells(row, column, cells, stamp_ms), 0, place)
+
+
+@st.composite
+def messages(draw):
+    """What two robots tell: cells of their submaps, mostly newer from one to the next; at times a submap moves."""
+    told, places = [], {"r1": draw(PLACE), "r2": IDENTITY}
+    for number in range(draw(st.integers(1, 12))):
+        robot = draw(st.sampled_from(["r1", "r2"]))
+        if draw(st.integers(0, 5)) == 0:
+            places[robot] = draw(PLACE)
+            told.append(pose_message(robot, TEAM, 0, places[robot]))
+        else:
+            at = draw(st.integers(-8, 40)), draw(st.integers(-8, 40))
+            if draw(st.integers(0, 9)) == 0:
+                places[robot] = draw(PLACE)  # the patch itself says so
+            told.append(patch(robot, *at, draw(PATCH_CELLS), draw(st.integers(0, 2)) + number // 2, places[robot]))
+    return told
+
+
+def take_together(atlas, told):
+    """As a mapper takes the messages of one step."""
+    shared, alone = SharedSteps(atlas), 0
+    for message in told:
+        if not shared.add(message):
+            alone += 1
+            shared.flush()
+            merge_message(atlas, message)
+    shared.flush()
+    return alone
+
+
+def same(one, other, *, versions=True):
+    assert np.array_equal(one.grid.classes(), other.grid.classes())
+    assert np.array_equal(one.grid.stamp_ms, other.grid.stamp_ms)
+    assert one.grid.known_count == other.grid.known_count
+    assert sorted(one.submaps) == sorted(other.submaps)
+    for key, submap in one.submaps.items():
+        its = other.submaps[key]
+        assert (submap.box, submap.occupied, submap.size) == (its.box, its.occupied, its.size)
+        assert submap.version == its.version or not versions
+        assert np.array_equal(submap.evidence, its.evidence)
+        assert np.array_equal(submap.stamp_ms, its.stamp_ms)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=50)
+@given(messages())
+def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
+    alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    for message in told:
+        merge_message(alone, msgspec.structs.replace(message))
+    take_together(first, told)
+    take_together(second, told)
+    same(alone, first)
+    same(alone, second)
+    assert all(second.submaps[key].evidence is submap.evidence for key, submap in first.submaps.items())
+
+
+@pytest.mark.parametrize("missed", [0, 1, 3])
+def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(missed: int) -> None:
+    told = [patch("r1", 4, 4 + 3 * number, np.full((3, 3), OCCUPIED, np.int8), 10 + number) for number in range(5)]
+    first, other = SubmapAtlas(TEAM), SubmapAtlas(TEAM)
+    take_together(first, told)
+    take_together(other, [message for number, message in enumerate(told) if number != missed])
+    assert first.grid.known_count == 45
+    assert other.grid.known_count == 36
+
+
+OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
+
+
+def told_in(frame, number=0, place=ASIDE):
+    return to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), number, place, frame)
+
+
+def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told_in():
+    atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
+    frames = (OWN, ARENA, OTHER)
+    parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
+    merge_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))
+    for number, frame in enumerate(frames):
+        assert atlas.place_of(("r1", number), frame) == ASIDE
+    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS)), "the one in the arena frame"
+
+
+def test_a_message_without_cells_moves_a_submap_and_another_withdraws_it():
+    atlas = atlas_of(PATCH)
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE)))
+    assert np.array_equal(atlas.grid.classes(), classes_with(3, 5, CELLS))
+    merge_message(atlas, over_the_wire(pose_message("r1", GEOMETRY, 0, ASIDE, withdrawn=True)))
+    assert atlas.submaps == {}
+    assert atlas.grid.known_count == 0

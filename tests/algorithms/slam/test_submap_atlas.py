@@ -1,3 +1,5 @@
+"""Submaps of several map frames in one atlas: only those of its own frame are drawn."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,10 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from robrain.algorithms.slam import submap_atlas
-from robrain.algorithms.slam.submap import BLOCK_CELLS, SURFACE, TILE_CELLS, Submap, moved_box
+from robrain.algorithms.slam.submap import BLOCK_CELLS, SURFACE, TILE_CELLS, Submap
 from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 
 GEOMETRY = GridGeometry(0.5, -3.0, 2.0, 24, 20)
 ROBOTS = ("r1", "r2", "r3")
@@ -132,21 +135,6 @@ def test_no_more_cells_are_held_than_fit_and_those_of_withdrawn_submaps_are_give
     assert set(atlas.submaps) == {("r1", 1), ("r1", 2)}
 
 
-def test_surfaces_count_with_the_cells(monkeypatch):
-    surfaces = np.zeros(50, SURFACE)
-    monkeypatch.setattr(submap_atlas, "CELLS_MAX", 2 * BLOCK_CELLS**2 + surfaces.nbytes)
-    atlas = SubmapAtlas(GEOMETRY)
-    for number in (0, 1):
-        atlas.merge(("r1", number), 0, 0, ONE, 5)
-    atlas.set_surfaces(("r1", 0), surfaces)
-    atlas.set_surfaces(("r1", 0), surfaces)  # again, in place of the first ones
-    with pytest.raises(ValueError, match="at most 2598 bytes in all"):
-        atlas.set_surfaces(("r1", 1), surfaces[:1])
-    assert atlas.submaps["r1", 1].surfaces is None
-    atlas.withdraw(("r1", 0))
-    atlas.set_surfaces(("r1", 1), surfaces)
-
-
 def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
     """A single cell far away would make its box larger than all that an atlas holds."""
     monkeypatch.setattr(submap_atlas, "CELLS_MAX", 4 * BLOCK_CELLS**2)
@@ -159,60 +147,119 @@ def test_a_submap_does_not_grow_beyond_the_room_there_is(monkeypatch):
     assert atlas.submaps["r1", 0].evidence.size == 4 * BLOCK_CELLS**2
 
 
-@pytest.mark.slow
-@settings(max_examples=30, deadline=None)
-@given(boxes(), boxes())
-def test_a_submap_holds_what_it_was_told_last(first, second):
-    submap, everywhere = Submap(), np.full((80, 80), UNKNOWN)
-    for stamp_ms, (row, column, cells) in enumerate((first, second), 1):
-        submap.merge(row, column, cells, stamp_ms)
-        box = everywhere[20 + row : 20 + row + cells.shape[0], 20 + column : 20 + column + cells.shape[1]]
-        box[cells != UNKNOWN] = cells[cells != UNKNOWN]
-    known = np.full((160, 160), UNKNOWN)
-    height, width = submap.evidence.shape
-    known[44 + submap.row : 44 + submap.row + height, 44 + submap.column : 44 + submap.column + width] = (
-        submap.classes()
-    )
-    assert np.array_equal(known[24:104, 24:104], everywhere)
-    assert submap.occupied == np.count_nonzero(everywhere == OCCUPIED)
-    assert submap.version == 2
-    assert (submap.row % BLOCK_CELLS, submap.column % BLOCK_CELLS) == (0, 0)
+OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
+FRAMES = (ARENA, OWN, OTHER)
+KEYS = [("r1", 5), ("r1", 6), ("r2", 7), ("r3", 1)]
+PLACES = st.builds(Pose2D, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(-3.1, 3.1))
+BOXES = st.tuples(
+    st.integers(-4, 16),
+    st.integers(-4, 20),
+    arrays(np.int8, (5, 6), elements=st.sampled_from([FREE, OCCUPIED, UNKNOWN])),
+)
+SUBMAPS = st.lists(st.tuples(st.sampled_from(KEYS), BOXES, PLACES, st.sampled_from(FRAMES)), min_size=1, max_size=6)
 
 
-def test_the_times_of_a_submap_are_those_of_its_tiles():
-    submap = Submap()
-    submap.merge(0, 0, np.full((1, 9), FREE), 7)
-    submap.merge(0, 0, ONE, 5)
-    assert submap.stamp_ms[0].tolist() == [7, 7, 0, 0]
-    submap.merge(0, 0, np.full((16, 8), FREE), np.array([[6], [8]], np.int32))
-    assert submap.stamp_ms[:, 0].tolist() == [7, 8, 0, 0]
-    submap.merge(-1, 0, ONE, 9)  # the box grows downwards
-    assert submap.stamp_ms[:, 0].tolist() == [0, 0, 0, 9, 7, 8, 0, 0]
+def filled(told, frame=ARENA):
+    atlas = SubmapAtlas(GEOMETRY, frame)
+    for number, (key, (row, column, cells), place, its) in enumerate(told):
+        atlas.move(key, place, its)
+        atlas.merge(key, row, column, cells, 100 + 10 * number)
+    return atlas
 
 
-@given(boxes(), PLACE)
-def test_a_moved_box_holds_the_cells_of_the_box(box, place):
-    row, column, cells = box
-    grid = (GEOMETRY.resolution_m, GEOMETRY.origin_x_m, GEOMETRY.origin_y_m)
-    height, width = cells.shape
-    first_row, first_column, end_row, end_column = moved_box(place, (row, column, row + height, column + width), grid)
-    for i in (0, height - 1):
-        for j in (0, width - 1):
-            middle = GEOMETRY.center_of(row + i, column + j)
-            moved = place.compose(Pose2D(middle.x_m, middle.y_m, 0.0))
-            at_row, at_column = GEOMETRY.cell_of(moved.x_m, moved.y_m)
-            assert first_row <= at_row < end_row
-            assert first_column <= at_column < end_column
-    assert (end_row - first_row) <= height + width + 2
+def only(told, frame):
+    """The map of an atlas that is told nothing of other frames, as if this one were the arena frame."""
+    frames = {key: its for key, _, _, its in told}
+    places = {key: place for key, _, place, _ in told}
+    atlas = SubmapAtlas(GEOMETRY)
+    for number, (key, (row, column, cells), _, _) in enumerate(told):
+        if frames[key] == frame:
+            atlas.move(key, places[key])
+            atlas.merge(key, row, column, cells, 100 + 10 * number)
+    return atlas.grid.classes()
 
 
-def test_patches_that_change_nothing_on_the_map_leave_its_version():
-    atlas = SubmapAtlas(GridGeometry(0.1, 0.0, 0.0, 40, 40))
-    cells = np.full((4, 4), OCCUPIED, np.int8)
-    assert atlas.merge(("r1", 1), 8, 8, cells, 5) == 16
-    version = atlas.grid.version
-    assert atlas.merge(("r1", 1), 8, 8, cells, 5) == 0
-    assert atlas.merge(("r1", 1), 8, 8, cells, 3) == 0
+@settings(deadline=None, max_examples=40)
+@given(SUBMAPS, st.sampled_from(FRAMES))
+def test_the_map_is_that_of_the_submaps_in_its_frame(told, frame):
+    atlas = filled(told, frame)
+    assert np.array_equal(atlas.grid.classes(), only(told, frame))
+
+
+@settings(deadline=None, max_examples=40)
+@given(SUBMAPS, st.sampled_from(FRAMES))
+def test_the_map_of_another_frame_can_be_had_without_changing_ones_own(told, frame):
+    atlas = filled(told)
+    before, version = atlas.grid.classes(), atlas.grid.version
+    composed = atlas.composed(frame)
+    assert np.array_equal(composed.classes(), filled(told, frame).grid.classes())
+    assert composed is not atlas.grid
+    assert np.array_equal(atlas.grid.classes(), before)
     assert atlas.grid.version == version
-    assert atlas.merge(("r1", 1), 8, 8, np.full((4, 4), FREE, np.int8), 6) == 16
-    assert atlas.grid.version > version
+    assert atlas.frame == ARENA
+
+
+TEAM = GridGeometry(0.1, -3.0, 2.0, 200, 100)
+
+
+def surfaces_in(*cells: tuple[int, int]) -> np.ndarray:
+    """A surface in the middle of each of these cells of the team's grid."""
+    surfaces = np.zeros(len(cells), SURFACE)
+    for surface, (row, column) in zip(surfaces, cells, strict=True):
+        surface["row"], surface["column"] = row, column
+    return surfaces
+
+
+@pytest.mark.parametrize("beside", [(-1, 0), (32, 0), (0, -1), (0, 64), (-1, -1), (32, 64), (900, 0), (0, -900)])
+def test_surfaces_that_a_mate_tells_beside_the_cells_of_its_submap_are_left_out(beside: tuple[int, int]) -> None:
+    submap = Submap()
+    submap.merge(32, 64, np.full((32, 64), FREE, np.int8), 1)
+    corners = [(32, 64), (32, 127), (63, 64), (63, 127)]
+    submap.surfaces = surfaces_in(*corners, (32 + beside[0], 64 + beside[1]))
+    grid = submap.grid(TEAM)
+    assert grid.geometry.shape == (32, 64)
+    assert np.argwhere(grid.surfaces.hits).tolist() == [[0, 0], [0, 63], [31, 0], [31, 63]]
+    for row, column in ((0, 0), (31, 63)):
+        assert grid.surfaces.at[row, column].tolist() == [column + 0.5, row + 0.5]
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(4096, 1), (1, 4096)])
+def test_a_submap_of_the_largest_side_is_taken_and_none_larger(rows: int, columns: int) -> None:
+    cells = np.full((rows, columns), FREE, np.int8)
+    submap = Submap()
+    submap.merge(0, 0, cells, 1)
+    assert max(submap.evidence.shape) == 4096
+    for row, column in ((-1, 0), (0, -1), (rows, 0), (0, columns)):
+        if (row < 0 or row == rows) == (rows > 1):
+            with pytest.raises(ValueError, match="at most 4096 cells a side"):
+                submap.merge(row, column, np.full((1, 1), FREE, np.int8), 2)
+    assert submap.growth(0, 0, (1, 1), 2) == 0
+
+
+@settings(deadline=None, max_examples=40)
+@given(SUBMAPS, st.lists(st.sampled_from(FRAMES), min_size=1, max_size=3))
+def test_in_whatever_frames_it_was_drawn_before_the_map_is_the_same(told, frames):
+    atlas = filled(told)
+    for frame in frames:
+        atlas.change_frame(frame)
+        assert atlas.frame == frame
+        expected = filled(told, frame).grid
+        assert np.array_equal(atlas.grid.classes(), expected.classes())
+        assert np.array_equal(atlas.grid.stamp_ms, expected.stamp_ms)
+        assert atlas.grid.known_count == expected.known_count
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=20)
+@given(SUBMAPS, st.dictionaries(st.sampled_from(KEYS), PLACES, max_size=4), st.sampled_from(FRAMES))
+def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one(told, places, frame):
+    for drawn in FRAMES:
+        together, singly = filled(told, drawn), filled(told, drawn)
+        together.move_all(places, frame)
+        for key, place in places.items():
+            singly.move(key, place, frame)
+        assert np.array_equal(together.grid.classes(), singly.grid.classes())
+        for key, place in places.items():
+            if key in together.submaps:
+                assert together.place_of(key, frame) == place
+                assert all(together.place_of(key, other) is None for other in FRAMES if other != frame)

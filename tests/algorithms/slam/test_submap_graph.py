@@ -1,3 +1,5 @@
+"""Own submaps whose map frame changes: a whole frame joins another one, or a trajectory leaves its frame."""
+
 from functools import partial
 
 import numpy as np
@@ -6,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.numeric.small_linear_algebra import symmetric
-from robrain.algorithms.slam.submap_graph import GraphSpec
+from robrain.algorithms.slam.submap_graph import BEGINNING, GraphSpec, SubmapGraph, is_information
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
+from robrain.protocol.model.map_frame import ARENA, MapFrame
 from tests.algorithms.slam.submap_walks import graph_of, no_doubt, nowhere, off
 
-MATE = ("r2", 7)
-PRIOR = np.diag((0.01, 0.01, 0.0004))
-STEP = np.diag((0.0025, 0.0025, 0.0001))
+MATE, THIRD = ("r2", 7), ("r3", 1)
+PRIOR = np.diag((0.01, 0.02, 0.0004))
+STEP = np.diag((0.0025, 0.0016, 0.0001))
 walked = partial(graph_of, PRIOR, STEP)
 SURE = np.diag((1e4, 1e4, 1e6))
-PLACE = st.builds(Pose2D, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.1, 3.1))
 
 
 def at(place):
@@ -54,21 +56,6 @@ def test_a_closure_moves_a_submap_to_where_a_mate_says_and_those_before_it_by_th
     assert graph.current.covariance[0, 0] == pytest.approx(1e-4, rel=0.01)
 
 
-@settings(deadline=None, max_examples=40)
-@given(anchor=PLACE, sensor=PLACE, wrong=st.builds(Pose2D, *[st.floats(-0.05, 0.05)] * 3), mate=PLACE)
-def test_a_closure_found_by_the_mate_says_the_same_as_one_found_by_the_robot(anchor, sensor, wrong, mate):
-    """The scan's place in both frames is the same, whoever made it; the difference has no direction here."""
-    seen_from_mate = mate.inverse().compose(sensor.compose(wrong))
-    even = np.diag((400.0, 400.0, 2500.0))
-    hundredth = 0.01 / 400.0  # of the closure's variance
-    graphs = walked(anchor), walked(anchor)
-    graphs[0].close(10, sensor, MATE, seen_from_mate, even)
-    graphs[1].add_robot_closure(10, sensor, MATE, seen_from_mate, even)
-    found = [graph.solve(at(mate), no_doubt) or {10: IDENTITY} for graph in graphs]
-    assert found[0][10].compose(anchor).distance_m(found[1][10].compose(anchor)) < 0.012
-    assert graphs[0].own[10].covariance == pytest.approx(graphs[1].own[10].covariance, rel=0.05, abs=hundredth)
-
-
 def test_a_closure_with_an_old_submap_of_its_own_closes_a_loop():
     places = [Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.0), Pose2D(4.0, 4.0, 0.0), Pose2D(0.0, 4.0, 0.0)]
     graph = walked(*places)
@@ -80,16 +67,6 @@ def test_a_closure_with_an_old_submap_of_its_own_closes_a_loop():
     xs_m = [graph.own[number].pose.x_m - place.x_m for number, place in zip(range(10, 14), places, strict=True)]
     assert xs_m == sorted(xs_m)
     assert not graph.rests_on("r2")
-
-
-def test_a_false_closure_between_true_ones_moves_next_to_nothing():
-    graph = walked(*ROW)
-    for number, anchor in zip((10, 11, 12), ROW, strict=True):
-        graph.close(number, anchor, MATE, anchor, np.diag((2500.0, 2500.0, 1e5)))
-    graph.close(12, ROW[2], ("r3", 1), Pose2D(ROW[2].x_m + 3.0, ROW[2].y_m - 2.0, 0.0), np.diag((2500.0, 2500.0, 1e5)))
-    graph.solve(lambda _key, _frame: IDENTITY, no_doubt)
-    for node, anchor in zip(graph.own.values(), ROW, strict=True):
-        assert off(node.pose, anchor) == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
 
 
 def test_of_a_pair_of_submaps_the_latest_closures_are_kept_and_they_stand_apart():
@@ -109,16 +86,6 @@ def test_of_a_pair_of_submaps_the_latest_closures_are_kept_and_they_stand_apart(
     assert lies_at(0.0) == pytest.approx(0.03, abs=4e-3)
 
 
-@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
-def test_memory_for_closures_is_bounded(close):
-    graph = walked(*(Pose2D(float(n), 0.0, 0.0) for n in range(20)), spec=GraphSpec(closures_max=5))
-    for number in range(20):
-        getattr(graph, close)(10 + number, IDENTITY, ("r2", number), IDENTITY, SURE)
-    asked = []
-    graph.solve(lambda key, _frame: asked.append(key) or IDENTITY, no_doubt)
-    assert asked == [("r2", number) for number in range(15, 20)]
-
-
 def test_a_mate_that_tells_of_many_closures_displaces_its_own_ones_only():
     graph = walked(*(Pose2D(float(n), 0.0, 0.0) for n in range(20)), spec=GraphSpec(closures_max=5))
     graph.close(10, IDENTITY, MATE, IDENTITY, SURE)
@@ -128,49 +95,6 @@ def test_a_mate_that_tells_of_many_closures_displaces_its_own_ones_only():
     asked = []
     graph.solve(lambda key, _frame: asked.append(key) or IDENTITY, no_doubt)
     assert asked == [MATE, ("r3", 1), ("r4", 17), ("r4", 18), ("r4", 19)]
-
-
-def test_closures_of_submaps_that_are_not_its_own_any_more_are_left_out():
-    graph = walked(*ROW)
-    graph.close(99, IDENTITY, MATE, IDENTITY, SURE)
-    graph.add_robot_closure(99, IDENTITY, MATE, IDENTITY, SURE)
-    assert not graph.has_news
-    assert not graph.rests_on("r2")
-
-
-def test_nothing_rests_on_a_submap_that_was_withdrawn():
-    graph = walked(*ROW)
-    graph.close(12, ROW[2], ("r1", 10), ROW[2], SURE)
-    graph.close(10, ROW[0], MATE, ROW[0], SURE)
-    graph.withdraw(10)
-    assert set(graph.own) == {11, 12}
-    assert not graph.rests_on("r2")
-    graph.withdraw(11)
-    graph.withdraw(12)
-    assert graph.current is None
-    assert graph.solve(nowhere, no_doubt) == {}
-
-
-def test_submaps_after_one_that_was_withdrawn_can_still_be_placed():
-    graph = walked(*ROW)
-    graph.withdraw(10)
-    graph.close(12, ROW[2], MATE, ROW[2], np.diag((1e4, 1e4, 1e6)))
-    graph.solve(at(IDENTITY), no_doubt)
-    assert graph.own[12].covariance[0, 0] < 0.001
-    graph.withdraw(12)
-    graph.begin(13, Pose2D(10.0, 3.0, 1.0), IDENTITY, 0, STEP)
-    graph.close(13, Pose2D(10.0, 3.0, 1.0), MATE, Pose2D(10.1, 3.0, 1.0), SURE)
-    assert 13 in graph.solve(at(IDENTITY), no_doubt)
-
-
-def test_the_oldest_submaps_stay_where_they_are_and_hold_those_after_them():
-    graph = walked(*ROW, spec=GraphSpec(submaps_max=2))
-    assert set(graph.own) == {11, 12}
-    graph.close(12, ROW[2], MATE, Pose2D(ROW[2].x_m + 0.1, ROW[2].y_m, ROW[2].yaw_rad), np.diag((400.0, 400.0, 1e4)))
-    moved = graph.solve(lambda _key, _frame: IDENTITY, no_doubt)
-    assert 10 not in moved
-    assert 12 in moved
-    assert 0.0 < moved[12].compose(ROW[2]).x_m - ROW[2].x_m < 0.1
 
 
 def test_a_new_trajectory_begins_where_the_robot_was_found_and_does_not_pull_at_the_one_before():
@@ -189,3 +113,180 @@ def test_a_mates_closure_of_negative_information_does_not_keep_the_robot_from_pl
     hostile = symmetric((-1e12, 0.0, 0.0, -1e12, 0.0, -1e12))
     graph.add_robot_closure(11, ROW[1], ("r3", 1), ROW[1], hostile)
     assert 12 in graph.solve(lambda _key, _frame: IDENTITY, no_doubt)
+
+
+OWN = MapFrame(10, "r1")
+walked_in_own_frame = partial(graph_of, BEGINNING, STEP, frame=OWN)
+JOINED = np.diag((0.01, 0.01, 0.0004))
+WALK = [Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.5), Pose2D(8.0, 1.0, -0.4), Pose2D(12.0, 0.0, 0.0)]
+POSES = st.builds(Pose2D, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-3.1, 3.1))
+
+
+NOWHERE_OFF = pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
+
+
+@settings(deadline=None, max_examples=30)
+@given(POSES, st.integers(0, 3))
+def test_a_frame_that_joins_another_takes_all_its_submaps_along_and_they_stay_there(move, found_at):
+    graph = walked_in_own_frame(*WALK)
+    graph.change_frame(OWN, ARENA, move, move.compose(WALK[found_at]), JOINED)
+    for _ in range(2):
+        for node, anchor in zip(graph.own.values(), WALK, strict=True):
+            assert node.frame == ARENA
+            assert off(node.pose, move.compose(anchor)) == NOWHERE_OFF
+            assert off(node.T_arena_local, move) == NOWHERE_OFF
+        assert graph.solve(nowhere, no_doubt) == {}
+
+
+def test_closures_of_a_frame_that_is_left_wait_until_the_mate_has_followed():
+    graph = walked_in_own_frame(*WALK)
+    graph.close(12, WALK[2], MATE, Pose2D(WALK[2].x_m + 0.1, WALK[2].y_m, WALK[2].yaw_rad), SURE)
+    asked = []
+
+    def place_of(key, frame):
+        asked.append((key, frame))
+        return IDENTITY if frame == OWN else None
+
+    graph.solve(place_of, no_doubt)
+    assert graph.own[12].pose.x_m == pytest.approx(WALK[2].x_m + 0.1, abs=0.01)
+    graph.change_frame(OWN, ARENA, IDENTITY, WALK[2], JOINED)
+    graph.solve(place_of, no_doubt)
+    assert asked == [(MATE, OWN), (MATE, ARENA)]
+
+
+def test_a_trajectory_that_leaves_its_frame_stays_where_it_lies_without_closures_with_what_it_leaves():
+    graph = walked_in_own_frame(*WALK[:2], frame=ARENA)
+    graph.begin(12, WALK[2], IDENTITY, 1, JOINED, ARENA)
+    graph.begin(13, WALK[3], IDENTITY, 1, STEP, ARENA)
+    graph.close(12, WALK[2], MATE, Pose2D(8.4, 1.0, -0.4), SURE)
+    graph.close(13, WALK[3], ("r1", 10), Pose2D(12.2, 0.3, 0.0), SURE)
+    graph.close(13, WALK[3], ("r1", 12), WALK[3], SURE)
+    own = MapFrame(12, "r1")
+    graph.part(1, own)
+    assert graph.has_news
+    assert [node.frame for node in graph.own.values()] == [ARENA, ARENA, own, own]
+    assert not graph.rests_on("r2")
+    asked = []
+    moved = graph.solve(lambda key, frame: asked.append((key, frame)) or IDENTITY, no_doubt)
+    assert moved == {}
+    assert asked == []
+    assert off(graph.own[13].pose, WALK[3]) == NOWHERE_OFF
+    assert graph.own[12].covariance == pytest.approx(BEGINNING, rel=1e-3), "the frame is defined by it"
+
+
+def at_home(_key, _frame):
+    return IDENTITY
+
+
+def asked_of(graph):
+    """The submaps of which the graph has closures, each as often as it is asked for."""
+    asked = []
+
+    def place_of(key, _frame):
+        asked.append(key)
+        return IDENTITY
+
+    graph.solve(place_of, no_doubt)
+    return asked
+
+
+def test_closures_with_a_withdrawn_submap_are_withdrawn_from_either_end():
+    graph = walked(*WALK)
+    graph.close(13, WALK[3], ("r1", 11), WALK[3], SURE)
+    graph.close(11, WALK[1], MATE, WALK[1], SURE)
+    graph.close(12, WALK[2], THIRD, WALK[2], SURE)
+    graph.close(12, WALK[2], ("r2", 11), WALK[2], SURE)
+    graph.withdraw(11)
+    assert list(graph.own) == [10, 12, 13]
+    asked = asked_of(graph)
+    assert MATE not in asked
+    assert asked.count(THIRD) == asked.count(("r2", 11)) == 1
+    graph.withdraw(99)
+    assert list(graph.own) == [10, 12, 13]
+
+
+def test_a_closure_over_a_long_way_is_not_taken_for_false_because_the_robot_drifted():
+    """0.5 m is ten times what the scan may be off by, but not what the robot may be off by after so much way."""
+    graph = SubmapGraph("r1", GraphSpec())
+    for number in range(20):
+        graph.begin(number, Pose2D(4.0 * number, 0.0, 0.0), IDENTITY, 0, np.diag((0.02, 0.02, 1e-5)))
+    end = Pose2D(76.0, 0.0, 0.0)
+    graph.close(19, end, MATE, Pose2D(76.5, 0.0, 0.0), np.diag((400.0, 400.0, 1e5)))
+    moved = graph.solve(at_home, no_doubt)
+    assert moved[19].x_m == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
+@pytest.mark.parametrize("count", [1, 2, 9])
+def test_all_closures_with_mates_make_a_robot_no_surer_than_one_mate_is(close, count):
+    graph = SubmapGraph("r1", GraphSpec())
+    graph.begin(10, WALK[0], IDENTITY, 0, np.eye(3))
+    for number in range(count):
+        getattr(graph, close)(10, WALK[0], (f"r{2 + number}", 1), IDENTITY, 1e6 * np.eye(3))
+    graph.solve(at_home, lambda _key: (0.04, 0.03, 0.01))
+    assert np.diag(graph.own[10].covariance) == pytest.approx((0.04 / 1.04, 0.03 / 1.03, 0.01 / 1.01), rel=1e-3), (
+        "what it knew before counts beside them"
+    )
+
+
+@pytest.mark.parametrize("close", ["close", "add_robot_closure"])
+def test_a_closure_that_cannot_be_true_moves_little(close):
+    graph = walked(*WALK[:3])
+    getattr(graph, close)(
+        12,
+        WALK[2],
+        MATE,
+        Pose2D(WALK[2].x_m + 3.0, WALK[2].y_m - 2.0, WALK[2].yaw_rad),
+        SURE,
+    )
+    graph.solve(at_home, no_doubt)
+    for node, anchor in zip(graph.own.values(), WALK, strict=False):
+        assert node.pose.distance_m(anchor) < 0.5
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000))
+def test_a_closure_adds_its_information_to_what_was_known(seed):
+    """Whatever is correlated with what, on either side."""
+    rng = np.random.default_rng(seed)
+    prior, information = (root @ root.T + 0.3 * np.eye(3) for root in rng.normal(size=(2, 3, 3)))
+    mates = rng.uniform(0.1, 1.0, 3)
+    graph = SubmapGraph("r1", GraphSpec())
+    graph.begin(10, IDENTITY, IDENTITY, 0, prior)
+    graph.close(10, IDENTITY, MATE, IDENTITY, information)
+    graph.solve(at_home, lambda _key: tuple(mates.tolist()))
+    told = np.linalg.inv(np.linalg.inv(information) + np.diag(mates))
+    assert graph.own[10].covariance == pytest.approx(np.linalg.inv(np.linalg.inv(prior) + told), rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "is_one"),
+    [
+        (np.diag((1e9, 0.0, 0.0)), True),
+        (np.diag((1.01e9, 0.0, 0.0)), False),
+        (np.zeros((3, 3)), False),
+        (np.diag((0.0, 0.0, 1.0)), True),
+        (np.diag((1.0, -1e-12, 1.0)), False),
+        (symmetric((1.0, 1.0, 0.0, 1.0, 0.0, 0.0)), True),
+        (symmetric((1.0, 1.1, 0.0, 1.0, 0.0, 0.0)), False),
+        (symmetric((1.0, 0.0, 1.1, 1.0, 0.0, 1.0)), False),
+        (symmetric((1.0, 0.0, 0.0, 1.0, 1.1, 1.0)), False),
+        (symmetric((1.0, -0.9, 0.9, 1.0, 0.9, 1.0)), False),  # each pair for itself would do
+        (symmetric((1.0, 0.9, 0.9, 1.0, 0.0, 1.0)), False),
+        (symmetric((1.0, 0.9, 0.0, 1.0, 0.9, 1.0)), False),
+        (symmetric((1.0, 0.0, 0.9, 1.0, 0.9, 1.0)), False),
+    ],
+)
+def test_information_is_what_a_covariance_can_be_the_inverse_of(matrix, is_one):
+    assert is_information(matrix) is is_one
+
+
+def test_a_frozen_submap_takes_its_closures_along_and_leaves_those_of_others():
+    graph = walked(*WALK[:3], spec=GraphSpec(submaps_max=3))
+    graph.close(10, WALK[0], MATE, WALK[0], SURE)
+    graph.close(12, WALK[2], THIRD, WALK[2], SURE)
+    graph.begin(13, WALK[3], IDENTITY, 0, STEP)
+    assert list(graph.own) == [11, 12, 13]
+    assert not graph.rests_on("r2")
+    assert graph.rests_on("r3")
+    assert asked_of(graph).count(THIRD) == 1
