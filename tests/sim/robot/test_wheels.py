@@ -22,8 +22,7 @@ def wheels(seed=1, **spec):
 def turns_rad(drawn: Wheels, displacement: Twist2D, steps: int = 1) -> np.ndarray:
     """Turns of the wheels while a body moves by this (m, m, rad) in each of some steps."""
     state, wheels = np.zeros(1, STATE), np.zeros(1, WHEELS)
-    wheels[0] = (drawn.true.wheel_radius_m, drawn.true.wheel_distance_m, drawn.path_per_turn, drawn.lateral_slip,
-                 drawn.slip_m2_per_m, drawn.lateral_m2_per_m)  # fmt: skip
+    wheels[0] = drawn.row
     turns, normals = np.zeros((1, 3)), np.array([[each for _ in range(4) for each in drawn.draw_normals()]])
     used, motion = np.zeros(1, np.int64), np.zeros((1, MOTION))
     for _ in range(steps):
