@@ -112,7 +112,13 @@ def test_a_recording_does_not_change_the_run_and_has_its_digest_and_all_readings
 
 def test_a_signal_ends_the_run_and_closes_its_recording(tmp_path):
     path = tmp_path / "run.mcap"
-    result = SMALL.run(until_explored=1.0, record=path, on_progress=lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    signals = iter([signal.SIGTERM])  # a second one would end this process
+
+    def interrupt(_: object) -> None:
+        for one in signals:
+            os.kill(os.getpid(), one)
+
+    result = SMALL.run(until_explored=1.0, record=path, on_progress=interrupt)
     assert result.ended == "interrupted"
     info = recording_info(path)
     assert (info.truncated, info.digest, info.messages) == (False, result.digest, result.messages)
