@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from robrain.protocol.toml_text import read_toml
 from tests.reference_pages.pages import DOCS
 
 ROOT = DOCS.parent
@@ -66,26 +65,3 @@ def test_tutorial_shows_the_example_that_it_explains(site: Path) -> None:
     first = (ROOT / "examples" / "02_submit_tasks.py").read_text(encoding="utf-8").partition('"""')[2][:40]
     assert first in html.unescape(page)
     assert "8<--" not in html.unescape(page)
-
-
-@pytest.mark.system
-def test_broken_links_end_the_build_and_are_named(tmp_path: Path) -> None:
-    text = "# Page\n\n[home](index.md#page) [one](gone.md) [two](#lost) [three](/left.html)\n"
-    docs = tmp_path / "docs"
-    docs.mkdir()
-    (docs / "index.md").write_text(text, encoding="utf-8")
-    config = tmp_path / "mkdocs.yml"
-    own = {"docs_dir": docs, "hooks": "[]", "plugins": "[]", "extra_css": "[]", "nav": "[index.md]"}
-    lines = [f"INHERIT: {ROOT / 'mkdocs.yml'}", *(f"{key}: {value}" for key, value in own.items())]
-    config.write_text("\n".join(lines), encoding="utf-8")
-    built = build(config, tmp_path / "site")
-    assert built.returncode == 1
-    assert all(target in built.stderr for target in ("gone.md", "lost", "left.html"))
-    assert "index.md#page" not in built.stderr
-
-
-def test_everything_that_the_site_needs_is_pinned() -> None:
-    extra = read_toml(ROOT / "pyproject.toml")["project"]["optional-dependencies"]["docs"]
-    pinned = (ROOT / "constraints.txt").read_text(encoding="utf-8")
-    names = [re.match(r"[\w-]+", requirement)[0] for requirement in extra]
-    assert [name for name in names if not re.search(rf"^{name}==", pinned, re.MULTILINE)] == []

@@ -1,7 +1,6 @@
 """The commands on the README's first screen work as printed."""
 
 import re
-import subprocess
 
 from tests.system.conftest import ROOT
 
@@ -14,11 +13,3 @@ def test_the_shell_is_told_of_the_virtual_environment_before_robrain_is_typed() 
     assert lines[0] == "make demo"
     assert ". .venv/bin/activate" in lines
     assert README.index(". .venv/bin/activate") < README.index("| `robrain ")
-
-
-def test_installing_shows_its_progress() -> None:
-    planned = subprocess.run(
-        ["make", "--dry-run", "--always-make", "install"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    assert ".venv/bin/uv pip install" in planned
-    assert "--quiet" not in planned

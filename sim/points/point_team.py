@@ -16,7 +16,7 @@ from robrain.algorithms.mapping.ray_cast import cast_rays_of
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
-from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.faults.fault_spec import HARDWARE, FaultKind, FaultSpec
 from robrain.sim.firmware.battery import J_PER_WH
 from robrain.sim.robot.robot_body import MASS_KG
 from robrain.sim.robot.robot_hardware import ArenaRobot
@@ -29,13 +29,7 @@ ROLES = {name: f"point_{name}" for name in ("driver", "localisation", "mapper", 
 PLACE = Path(__file__).parent
 HARDWARE_PLUGINS = ("mocdevice", "scan", "range_sensors", "bm2", "imu")
 """Stock plugins of hardware that points lack."""
-POSSIBLE = frozenset(FaultKind) - {
-    FaultKind.CAN_CUT,
-    FaultKind.CAN_SHORTED,
-    FaultKind.MOTORS_FAIL,
-    FaultKind.LIDAR_FREEZES,
-    FaultKind.BATTERY_LIES,
-}
+POSSIBLE = (frozenset(FaultKind) - HARDWARE) | {FaultKind.MOTE_BASE_FLOODS, FaultKind.CARRIED_OFF}
 """Faults that points can have."""
 AT_REST = Twist2D()
 

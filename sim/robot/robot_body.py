@@ -22,17 +22,9 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.sim.robot.wheels import DRAWS, Wheels
 from robrain.sim.traffic.specs import FRICTION, MOVER_COLLISION, ROBOT_COLLISION, WALL_COLLISION
 
-STATE = np.dtype(
-    [
-        ("x_m", "f8"),
-        ("y_m", "f8"),
-        ("yaw_rad", "f8"),
-        ("forward_m", "f8"),
-        ("left_m", "f8"),
-        ("turned_rad", "f8"),
-        ("distance_m", "f8"),
-    ]
-)
+MOVED = ("x_m", "y_m", "yaw_rad", "forward_m", "left_m", "turned_rad", "distance_m")
+"""Fields of a body that a tick changes, in the order of `STATE`."""
+STATE = np.dtype([(name, "f8") for name in MOVED])
 """Pose in the arena frame, displacement of the last tick in the body frame, and the path length since the start."""
 
 WHEELS = np.dtype(
@@ -284,15 +276,7 @@ class RobotBodies:
         self._yaw_rate_change_rad_s = YAW_ACCELERATION_MAX_RAD_S2 * tick_s
         self._wheels = np.zeros(len(bodies), WHEELS)
         for row, body in enumerate(bodies):
-            wheels = body.wheels
-            self._wheels[row] = (
-                wheels.true.wheel_radius_m,
-                wheels.true.wheel_distance_m,
-                wheels.path_per_turn,
-                wheels.lateral_slip,
-                wheels.slip_m2_per_m,
-                wheels.lateral_m2_per_m,
-            )
+            self._wheels[row] = body.wheels.row
             self.state[row] = (body.x_m, body.y_m, body.yaw_rad, 0.0, 0.0, 0.0, 0.0)
         self._normals = np.zeros((len(bodies), 2 * DRAWS))
         self._used = np.zeros(len(bodies), np.int64)
@@ -335,15 +319,7 @@ class RobotBodies:
         if roll(self.state, self._motion, self._wheels, self.turns_rad, self._normals, self._used, DRAWS):
             self._draw_normals()
         for body, row in zip(self.bodies, self.state.tolist(), strict=True):
-            (
-                body.x_m,
-                body.y_m,
-                body.yaw_rad,
-                body.forward_m,
-                body.left_m,
-                body.turned_rad,
-                body.distance_m,
-            ) = row
+            body.x_m, body.y_m, body.yaw_rad, body.forward_m, body.left_m, body.turned_rad, body.distance_m = row
 
     def _draw_normals(self, *, first: bool = False) -> None:
         for row, body in enumerate(self.bodies):

@@ -65,14 +65,12 @@ class Wheels:
         self.true = true
         self.radius_share = radius_share
         self._rng = rng
-        self.path_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)
-        """Path of each wheel over that of an exact one."""
-        self.lateral_slip = spec.lateral_slip
-        self.slip_m2_per_m = spec.slip_sigma_m_per_sqrt_m**2
-        """Variance of the slip along the tread, per metre of it."""
-        self.lateral_m2_per_m = spec.lateral_sigma_m_per_sqrt_m**2
-        """The same, per metre along the axle."""
-        self.is_random = self.slip_m2_per_m > 0 or self.lateral_m2_per_m > 0
+        slip_m2_per_m, lateral_m2_per_m = spec.slip_sigma_m_per_sqrt_m**2, spec.lateral_sigma_m_per_sqrt_m**2
+        path_per_turn = tuple(share * (1.0 - spec.slip) for share in radius_share)  # over that of exact wheels
+        bases = true.wheel_radius_m, true.wheel_distance_m
+        self.row = (*bases, path_per_turn, spec.lateral_slip, slip_m2_per_m, lateral_m2_per_m)
+        """Fields of `WHEELS` in `sim/robot/robot_body.py`."""
+        self.is_random = slip_m2_per_m > 0 or lateral_m2_per_m > 0
 
     @classmethod
     def draw(cls, nominal: OmniBase, spec: WheelSpec, rng: np.random.Generator) -> Self:

@@ -230,8 +230,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
-        if self.fidelity is Fidelity.POINTS:
-            self._check_points()
+        if self.fidelity is Fidelity.POINTS and (refused := {fault.kind for fault in self.faults} - POSSIBLE):
+            raise ScenarioError(f'{self.name}: faults: expected no {min(refused)} with fidelity "points"')
         try:
             plan = self.plan()
             world = build_world(plan, specs=self.roster, **{name: getattr(self, name) for name in PLACED})
@@ -254,12 +254,6 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                 )
         added = [one for table in self.added.values() for one in (table if isinstance(table, tuple) else (table,))]
         return replace(world, traffic=traffic, added=tuple(added), **{name: getattr(self, name) for name in OF_WORLD})
-
-    def _check_points(self) -> None:
-        """Raise ScenarioError for features that robots as points cannot have."""
-        for fault in self.faults:
-            if fault.kind not in POSSIBLE:
-                raise ScenarioError(f'{self.name}: faults: expected no {fault.kind} with fidelity "points"')
 
     def team(
         self,

@@ -83,29 +83,6 @@ def box_cells(box: Box, plan: FloorPlan) -> Cells:
     return rows[found_rows], columns[found_columns]
 
 
-class WallStamps:
-    """Marks cells of the sensors' walls, and removes the marks again.
-
-    Args:
-        walls: arrays (H, W) of the sensors, changed in place.
-        values: the mark in each.
-
-    """
-
-    def __init__(self, walls: Sequence[NDArray[np.bool_] | NDArray[np.uint8]], values: Sequence[int]) -> None:
-        self._walls = [(array, array.copy(), value) for array, value in zip(walls, values, strict=True)]
-        self._marked: list[Cells] = []
-
-    def mark(self, cells: Sequence[Cells]) -> None:
-        """Mark these cells, and no others."""
-        for array, plain, value in self._walls:
-            for marked in self._marked:
-                array[marked] = plain[marked]
-            for marked in cells:
-                array[marked] = value
-        self._marked = list(cells)
-
-
 class Walkways:
     """Shortest paths for a round body on a floor.
 
@@ -128,18 +105,11 @@ class Walkways:
         if begin is None or goal is None:
             return None
         nodes = self._search(begin, goal)
-        if not nodes:
-            return None
-        points = [start, *(self._place(node) for node in nodes), end]
-        return self._pulled(points)
+        return self._pulled([start, *map(self._place, nodes), end]) if nodes else None
 
     def has_room(self, place: Point2D) -> bool:
         """Whether the body fits there."""
-        return self._clear(place, place)
-
-    def is_clear(self, start: Point2D, end: Point2D) -> bool:
-        """Whether the body can move there in a straight line."""
-        return self._clear(start, end)
+        return self.is_clear(place, place)
 
     def _search(self, begin: Node, goal: Node) -> list[Node]:
         """Nodes of a shortest path, by A* (Hart, Nilsson and Raphael 1968); empty if there is none.
@@ -179,7 +149,7 @@ class Walkways:
         middle_row, middle_column = row // self._step, column // self._step
         around = [(middle_row + up, middle_column + right) for up in range(-2, 4) for right in range(-2, 4)]
         near = sorted((place.distance_m(self._place(node)), node) for node in around if node in self._free)
-        return next((node for _, node in near if self._clear(place, self._place(node))), None)
+        return next((node for _, node in near if self.is_clear(place, self._place(node))), None)
 
     def _place(self, node: Node) -> Point2D:
         row, column = node
@@ -190,13 +160,14 @@ class Walkways:
         pulled, at = [points[0]], 0
         while at < len(points) - 1:
             ahead = len(points) - 1
-            while ahead > at + 1 and not self._clear(points[at], points[ahead]):
+            while ahead > at + 1 and not self.is_clear(points[at], points[ahead]):
                 ahead -= 1
             pulled.append(points[ahead])
             at = ahead
         return pulled
 
-    def _clear(self, start: Point2D, end: Point2D) -> bool:
+    def is_clear(self, start: Point2D, end: Point2D) -> bool:
+        """Whether the body can move there in a straight line."""
         plan = self._plan
         samples = max(2, math.ceil(start.distance_m(end) / SAMPLE_M) + 1)
         share = np.linspace(0.0, 1.0, samples)
@@ -446,7 +417,9 @@ class Traffic:
             self.shapes.append(shape)
             if size_m is not None:
                 self._boxes.append((walker, size_m, body))
-        self._stamps = WallStamps([array for array, _ in walls], [mark for _, mark in walls])
+        self._walls = [(array, array.copy(), mark) for array, mark in walls]
+        """Walls of the sensors, as they are without doors and boxes, and the mark of a wall."""
+        self._marked: list[Cells] = []
         self._move_doors(0.0, starts)
         self._stamp()
 
@@ -512,8 +485,15 @@ class Traffic:
         return any(not door.is_open and door.box.distance_m(x_m, y_m) < radius_m for door in self._doors)
 
     def _stamp(self) -> None:
+        """Mark the closed doors and the boxes in the sensors' walls, and nothing else."""
         cells = [cells for door, cells in zip(self._doors, self._door_cells, strict=True) if not door.is_open]
-        self._stamps.mark([*cells, *(box_cells(_box(walker, size_m), self._plan) for walker, size_m, _ in self._boxes)])
+        cells += [box_cells(_box(walker, size_m), self._plan) for walker, size_m, _ in self._boxes]
+        for array, plain, mark in self._walls:
+            for marked in self._marked:
+                array[marked] = plain[marked]
+            for marked in cells:
+                array[marked] = mark
+        self._marked = cells
 
 
 def _people(planned: TrafficPlan, starts: Sequence[Disc]) -> list[Walker]:

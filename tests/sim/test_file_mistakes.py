@@ -5,10 +5,6 @@ import msgspec
 import pytest
 
 from robrain.protocol.file_mistakes import unknown_name
-from robrain.sim.errors import ScenarioError
-from robrain.sim.scenarios.scenario_file import parse_scenario
-
-GOOD = '[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 3.0]\n'
 
 
 class Colour(StrEnum):
@@ -65,28 +61,3 @@ def test_an_unknown_name_is_told_with_its_table_the_nearest_and_all_known_ones(d
 )  # fmt: skip
 def test_a_document_without_unknown_names_is_passed(document):
     assert unknown_name(document, House) == ""
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        (
-            "[robot.lidar]\nrnge_max_m = 3\n",
-            "robot.lidar: unknown key `rnge_max_m` (did you mean `range_max_m`?); there",
-        ),
-        (
-            '[[robots]]\nhardware = { chassis = { type = "tank" } }\n',
-            "robots[0]: hardware.chassis.type: unknown value 'tank'; it may be ackermann, differential, ",
-        ),
-        (
-            '[[robots]]\nhardware = { chassis = { type = "omni", trck_m = 1 } }\n',
-            "robots[0]: hardware.chassis: unknown key `trck_m`; there are encoder_ticks_per_turn, type, ",
-        ),
-        ('[team]\nstarts = "scatered"\n', "team.starts: unknown value 'scatered' (did you mean `scattered`?); it may"),
-    ],
-)
-def test_a_slip_of_the_pen_in_a_scenario_is_told_with_what_was_meant(text, told):
-    with pytest.raises(ScenarioError) as error:
-        parse_scenario(GOOD + text, "mine.toml")
-    assert str(error.value).startswith(f"mine.toml: {told}")
-    assert "\n" not in str(error.value)

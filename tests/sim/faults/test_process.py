@@ -21,13 +21,6 @@ def test_each_life_of_a_coordinator_goes_on_where_the_one_before_was_killed():
     assert [one.task.id for one in disk.open().open_records()] == ["t1", "t2", "t3"]
 
 
-def test_epochs_grow_over_the_lives():
-    disk = JournalDisk()
-    first = disk.open().new_epoch()
-    disk.pull()
-    assert disk.open().new_epoch() > first
-
-
 def test_nothing_is_written_while_the_disk_is_full():
     disk = JournalDisk()
     journal = disk.open()

@@ -77,12 +77,6 @@ def wire(session):
     return Wire(session)
 
 
-def test_without_faults_all_arrives_at_once(wire):
-    wire.say(3)
-    assert wire.heard() == [0, 1, 2]
-    assert wire.ask().accepted
-
-
 def test_a_share_of_the_messages_is_lost_by_the_seed(session):
     def lost():
         wire = Wire(session)
@@ -121,11 +115,6 @@ def test_a_lost_event_is_sent_again(wire):
     wire.event.put(PluginEvent(robot="r1", plugin="p", event="e", value=7))
     wire.run(30.0)
     assert wire.heard() == [0]
-
-
-def test_a_request_within_its_time_limit_is_answered(wire):
-    wire.fault(FaultKind.DELAY, late_s=(0.3, 0.3))
-    assert wire.ask().accepted
 
 
 def test_a_request_that_is_late_is_handled_although_its_asker_has_given_up(wire):
@@ -175,12 +164,6 @@ def test_after_a_partition_the_token_is_back_before_the_queryables(wire):
     assert wire.ask().accepted
 
 
-def test_those_on_one_side_of_a_partition_hear_each_other(wire):
-    wire.fault(FaultKind.PARTITION, side=(COORDINATOR,))
-    wire.say()
-    assert wire.heard() == [0]
-
-
 def test_a_component_that_hangs_keeps_its_token_and_sees_to_requests_when_it_wakes(wire):
     wire.exchange.sleep("r1")
     with pytest.raises(CallError, match="no reply in time"):
@@ -197,12 +180,3 @@ def test_of_a_process_that_has_died_nothing_is_left(wire):
     assert [change.present for change in wire.presence.changes()] == [False]
     with pytest.raises(NobodyThere):
         wire.ask()
-
-
-def test_what_is_left_of_a_dead_process_says_and_asks_nothing(wire):
-    wire.exchange.drop("r1")
-    wire.say(2)
-    assert wire.heard() == []
-    wire.coordinator.answer(ROBOT_WITHDRAW, wire.take, robot="r2")
-    with pytest.raises(NobodyThere):
-        wire.robot.ask(ROBOT_WITHDRAW, WITHDRAWAL, robot="r2")

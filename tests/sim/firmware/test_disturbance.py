@@ -1,8 +1,6 @@
 """Frames, scans and agents that are late, by the seed."""
 
 import math
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,23 +11,17 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN
 from robrain.protocol.model.geometry import Pose2D
-from robrain.sim.errors import ScenarioError
 from robrain.sim.firmware.disturbance import (
     DelayLine,
     DelaySpec,
     DisturbanceSpec,
     FrameDelaySpec,
-    Pauses,
-    PauseSpec,
 )
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.scenarios.scenario_file import parse_scenario
 
 TICK_NS = to_ns(0.02)
 PLAIN = Scenario.builtin("arena_small").replace(robots=2)
-FRAMES = FrameDelaySpec(per_minute=60, duration_s=(0.1, 0.35), late_s=(0.0, 0.03))
 SCANS = DelaySpec(per_minute=30, duration_s=(0.3, 0.9), late_s=(0.0, 0.15))
-AGENTS = PauseSpec(per_minute=30, duration_s=(0.2, 0.8))
 
 
 def rng(seed=1):
@@ -48,27 +40,6 @@ def sent_through(spec, ticks=3000, seed=1):
             assert sent_ns == number * TICK_NS
             arrived.append((number, tick))
     return arrived
-
-
-def spans(spec, ticks, seed=1):
-    """First tick and number of ticks of each pause."""
-    pauses = Pauses(spec, rng(seed))
-    paused = [pauses.covers(tick * TICK_NS) for tick in range(ticks)]
-    edges = np.flatnonzero(np.diff(np.array([False, *paused, False]).astype(int)))
-    return list(zip(edges[::2].tolist(), (edges[1::2] - edges[::2]).tolist(), strict=True))
-
-
-def test_pauses_are_as_many_and_as_long_as_they_are_to_be():
-    found = spans(PauseSpec(per_minute=6, duration_s=(0.2, 1.0)), 100_000)
-    assert len(found) == pytest.approx(100_000 * 0.02 / (10.0 + 0.6), rel=0.15)
-    lengths_s = [ticks * 0.02 for _, ticks in found]
-    assert 0.18 <= min(lengths_s) <= 0.3
-    assert 0.9 <= max(lengths_s) <= 1.02
-
-
-def test_pauses_follow_the_seed():
-    spec = PauseSpec(per_minute=6)
-    assert spans(spec, 10_000) == spans(spec, 10_000) != spans(spec, 10_000, seed=2)
 
 
 def test_what_is_late_arrives_in_order_and_within_its_time():
@@ -140,59 +111,3 @@ def test_late_scan_is_stamped_with_the_time_at_which_it_was_measured():
     assert max(late_s) > 0.3
     assert max(late_s) <= 0.9 + 0.15 + 0.02
     assert set(np.diff(stamps_ns).tolist()) == {to_ns(0.2)}
-
-
-@pytest.mark.slow
-def test_agent_that_pauses_takes_no_step_and_goes_on_after_it():
-    scenario = PLAIN.replace(robots=2, disturbance=DisturbanceSpec(agent=AGENTS))
-    run = LockstepRun(scenario.world())
-    steps: list[list[int]] = [[], []]
-    try:
-        for robot, host in enumerate(run.hosts):
-
-            def step(robot=robot, whole=host.step):
-                steps[robot].append(run.clock.now_ns() // TICK_NS)
-                whole()
-
-            host.step = step
-        for _ in range(750):
-            run.tick()
-    finally:
-        run.close()
-    for taken in steps:
-        missed = [after - before - 1 for before, after in zip([0, *taken], taken, strict=False) if after - before > 1]
-        assert 2 <= len(missed) <= 12
-        assert all(9 <= ticks <= 41 for ticks in missed)
-    assert steps[0] != steps[1]
-
-
-def test_robot_is_told_what_the_stamps_of_late_frames_stand_for():
-    plain, disturbed = PLAIN.world(), PLAIN.replace(disturbance=DisturbanceSpec(can=FRAMES)).world()
-    assert "stamped_at" not in plain.robot_file(plain.robots[0]).parameters["mocdevice"]
-    assert disturbed.robot_file(disturbed.robots[0]).parameters["mocdevice"]["stamped_at"] == "arrival"
-
-
-@pytest.mark.parametrize(
-    ("table", "line", "sentence"),
-    [
-        ("agent", "duration_s = [1.0, 0.5]", "expected duration_s as [least, greatest] from 0 to 60 s, got [1.0, 0.5]"),
-        ("scan", "late_s = [-0.1, 0.5]", "expected late_s as [least, greatest] from 0 to 60 s, got [-0.1, 0.5]"),
-    ],
-)
-def test_disturbances_without_sense_are_refused_with_file_and_key(table, line, sentence):
-    text = f'[scenario]\nname = "s"\n[floor]\nsize_m = [4.0, 4.0]\n[disturbance.{table}]\n{line}\n'
-    with pytest.raises(ScenarioError) as error:
-        parse_scenario(text, "s.toml")
-    assert str(error.value).startswith(f"s.toml: disturbance.{table}")
-    assert sentence in str(error.value)
-
-
-def test_scenario_of_the_documentation_is_one():
-    page = (Path(__file__).parents[3] / "docs" / "how-to" / "imperfect-sensors.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
-    tables = parse_scenario(text, "hard.toml")
-    assert tables.disturbance.can.is_on
-    assert tables.disturbance.scan.is_on
-    assert tables.disturbance.agent.is_on
-    assert not tables.surfaces.is_plain
-    assert tables.robot.lidar.dropout == 0.03

@@ -1,26 +1,14 @@
 """A simulated robot's serial line as a pseudo terminal: bytes go both ways, and bursts are bounded."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_SERIAL, ARENA_SERIAL_TX
 from robrain.protocol.serial.serial_line import PortLine
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.firmware.line_plug import LinePlug
-
-
-@pytest.fixture
-def wire() -> Iterator[Endpoint]:
-    with open_lockstep_session() as session:
-        endpoint = Endpoint(session, "plugs", VirtualClock(), Drive.LOCKSTEP)
-        yield endpoint
-        endpoint.close()
 
 
 def until(read: Callable[[], bytes], wanted: bytes) -> bytes:

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from robrain.plugins.device.range_sensors import NO_ECHO_M, bump_directions_rad, bump_sector
+from robrain.plugins.device.range_sensors import NO_ECHO_M
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -64,12 +64,6 @@ def test_a_cone_hears_what_lies_beside_its_axis():
     assert ranges(bus)[0] == pytest.approx(0.75, abs=0.02)
 
 
-def test_another_robot_is_heard_and_the_own_hull_is_not():
-    ring, bus = node()
-    ring.measure(HERE, np.array([[2.0, 2.0, RADIUS_M], [1.0, 2.0, RADIUS_M]]))
-    assert ranges(bus)[3] == pytest.approx(0.6, abs=0.01)
-
-
 def test_noise_and_dropouts_are_of_the_size_that_is_asked_for():
     ring, bus = node(RangeSensorSpec(noise_m=0.02, dropout=0.1))
     heard = []
@@ -82,13 +76,6 @@ def test_noise_and_dropouts_are_of_the_size_that_is_asked_for():
     assert 1.0 - echoes.size / len(heard) == pytest.approx(0.1, abs=0.03)
 
 
-def test_nothing_is_nearer_than_the_transducer_can_tell():
-    ring, bus = node(RangeSensorSpec(noise_m=0.05, dropout=0.0))
-    for _ in range(50):
-        ring.measure(Pose2D(2.79, 2.0, 0.0), NOBODY)
-        assert ranges(bus)[0] >= 0.02
-
-
 def test_more_than_six_sensors_take_two_frames():
     ring, bus = node(RangeSensorSpec(angles_rad=tuple(np.linspace(0, 3, 8).tolist()), noise_m=0.0, dropout=0.0))
     ring.measure(HERE, NOBODY)
@@ -99,11 +86,6 @@ def test_more_than_six_sensors_take_two_frames():
     assert second[2:] == pytest.approx([NO_ECHO_M] * 4)
 
 
-def test_measurements_are_due_ten_times_a_second():
-    ring, _ = node()
-    assert sum(ring.measures_at(tick) for tick in range(500)) == 100
-
-
 def test_a_touch_is_told_at_once_and_again_every_second():
     ring, bus = node()
     for tick in range(1, 120):
@@ -112,18 +94,3 @@ def test_a_touch_is_told_at_once_and_again_every_second():
     assert contacts == [1, 0, 0, 0]  # touched, let go, and twice to say that it is there
     ring.feel(121, math.pi / 2, [math.pi / 2, -math.pi / 2])
     assert bus.taken("Bumps")[0]["contacts"] == 0b10001
-
-
-@pytest.mark.parametrize("sector", range(8))
-def test_a_sector_s_own_direction_presses_it_alone(sector):
-    (direction_rad,) = bump_directions_rad(1 << sector)
-    assert bump_sector(direction_rad) == sector
-    assert bump_sector(direction_rad + 0.35) == sector
-    assert bump_sector(direction_rad - 0.35) == sector
-
-
-def test_a_robot_without_sensors_says_nothing():
-    ring, bus = node(RangeSensorSpec(angles_rad=()))
-    assert not any(ring.measures_at(tick) for tick in range(100))
-    ring.feel(50, 0.0, [0.0])
-    assert bus.frames == []

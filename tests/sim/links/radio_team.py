@@ -63,9 +63,6 @@ class RadioTeam:
         while self.run.sim_time_s < until_s - 1e-9:
             self.run.tick()
 
-    def pose_of(self, robot):
-        return next(one.pose for one in self.run.truth.robots if one.robot == robot)
-
     def __enter__(self):
         return self
 

@@ -174,15 +174,6 @@ def test_robots_that_were_apart_have_one_map_again_and_refuse_nothing_of_each_ot
     run.close()
 
 
-@pytest.mark.slow
-def test_exploration_within_ten_metres_ends_in_less_than_twice_the_time():
-    scenario = Scenario.builtin("depot").replace(robots=2, seed=13, until_explored=0.6)
-    free, limited = (scenario.replace(links=links).run() for links in (None, LinkSpec(range_m=10.0)))
-    assert free.ended == limited.ended == "explored"
-    assert limited.sim_time_s <= 2.0 * free.sim_time_s
-    assert limited.links.out_of_reach > 0
-
-
 FAR = """
 [scenario]
 name = "far"

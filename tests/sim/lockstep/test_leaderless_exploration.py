@@ -8,7 +8,7 @@ import pytest
 
 from robrain.plugins.behavior.explore import ALONE
 from robrain.sim.lockstep.lockstep import LockstepRun
-from tests.bench.leaderless import LeaderlessCase, run_case
+from tests.bench.leaderless import LeaderlessCase
 
 SMALL = LeaderlessCase(map="arena_small", robots=2, seed=4, time_limit_s=60.0)
 
@@ -35,23 +35,11 @@ def pass_time(run: LockstepRun, seconds: float) -> None:
 
 
 @pytest.mark.slow
-def test_the_floor_is_explored_to_the_end_without_collisions() -> None:
-    run = run_case(msgspec.structs.replace(SMALL, consensus=True))
-    assert run.killed_s < run.team_s <= run.last_s < SMALL.time_limit_s
-    assert run.collisions == 0
-
-
-@pytest.mark.slow
-def test_robots_that_hear_each_other_take_different_frontiers() -> None:
+def test_robots_alone_take_different_frontiers_and_a_coordinator_that_returns_hands_them_out_again() -> None:
     with killed(msgspec.structs.replace(SMALL, consensus=False)) as run:
         assert [host.board.behavior for host in run.hosts] == [ALONE, ALONE]
         one, other = (host.manager.get("explore").plugin.goal() for host in run.hosts)
         assert one.distance_m(other) > 2.0
-
-
-@pytest.mark.slow
-def test_a_coordinator_that_returns_hands_out_frontiers_again() -> None:
-    with killed(msgspec.structs.replace(SMALL, consensus=False)) as run:
         run.begin_coordinator()
         pass_time(run, 1.5)
         for host in run.hosts:

@@ -35,13 +35,6 @@ def test_floor_has_the_surfaces_of_walls_and_says_nothing_of_what_is_inside() ->
     assert (classes[:EDGE_CELLS] == UNKNOWN).all()
 
 
-def test_finer_plan_keeps_its_thin_walls() -> None:
-    occupied = np.zeros((8, 8), np.bool_)
-    occupied[:, 3] = True
-    classes = floor_classes(FloorPlan(occupied, 0.025, 0.0, 0.0, "fine"))
-    assert (classes[EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS] == OCCUPIED).all()
-
-
 @pytest.mark.slow
 def test_others_see_robots_and_floor_before_the_run_is_set_up_and_the_digest_stays() -> None:
     digests = []

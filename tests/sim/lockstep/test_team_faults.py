@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from robrain import LinkSpec, Scenario, ScenarioError
+from robrain import Scenario, ScenarioError
 from robrain.protocol.border.border import Border
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError
@@ -16,9 +16,8 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultMoment, FaultSpec
+from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
-from robrain.sim.world.chargers import ChargerSpec
 
 SMALL = Scenario.builtin("arena_small").replace(motes=0)
 TASK = Task(id="t1", kind="visit", place=Point2D(7.2, 3.0), service_s=1.0)
@@ -56,16 +55,6 @@ class Told:
 
 def fault(kind: FaultKind, robot: str = "r2", at_s: float = 2.0, **options: object) -> FaultSpec:
     return FaultSpec(robot=robot, kind=kind, at_s=at_s, **options)
-
-
-@pytest.mark.slow
-def test_faults_that_are_not_yet_due_change_nothing() -> None:
-    digests = set()
-    for faults in ((), (fault(FaultKind.KILL, at_s=900.0), fault(FaultKind.LOSE, at_s=900.0, share=0.5))):
-        told = Told(*faults)
-        told.until(1.5)
-        digests.add(told.run.close().digest)
-    assert len(digests) == 1
 
 
 @pytest.mark.slow
@@ -108,26 +97,6 @@ def test_a_killed_coordinator_goes_on_with_its_tasks() -> None:
 
 
 @pytest.mark.slow
-def test_a_hanging_agent_says_nothing_and_goes_on_as_it_was() -> None:
-    told = Told(fault(FaultKind.HANG, until_s=3.5))
-    told.until(6.0)
-    assert told.silent_s("r2") == (pytest.approx(2.0, abs=0.11), pytest.approx(3.5, abs=0.05))
-    assert len(told.run.hosts) == 2
-    told.run.close()
-
-
-@pytest.mark.slow
-def test_a_robot_that_is_cut_off_is_lost_to_the_coordinator_and_heard_by_the_recorder() -> None:
-    told = Told(fault(FaultKind.PARTITION, at_s=2.0, until_s=8.0))
-    told.until(7.0)
-    assert {robot.name: robot.up for robot in told.latest[COORDINATOR].robots} == {"r1": True, "r2": False}
-    assert told.silent_s("r2")[1] - told.silent_s("r2")[0] < 0.2
-    told.until(10.0)
-    assert all(robot.up for robot in told.latest[COORDINATOR].robots)
-    told.run.close()
-
-
-@pytest.mark.slow
 def test_a_full_disk_refuses_tasks_until_there_is_room_again() -> None:
     told = Told(fault(FaultKind.DISK_FULL, COORDINATOR, at_s=0.5, until_s=2.0))
     told.until(1.0)
@@ -149,56 +118,9 @@ def test_a_drained_battery_has_the_charge_that_is_left_and_one_with_less_keeps_i
     told.run.close()
 
 
-@pytest.mark.slow
-def test_a_fault_may_wait_for_an_event() -> None:
-    told = Told(fault(FaultKind.KILL, at_s=0.5, until_s=2.0, on=FaultMoment.TASK_ASSIGNED))
-    told.until(10.0)
-    first_s = next(at_s for name, at_s in told.said if name == "r2")
-    since_s, until_s = told.silent_s("r2")
-    assert since_s > first_s
-    assert until_s - since_s == pytest.approx(1.5, abs=0.25)
-    told.run.close()
-
-
-@pytest.mark.slow
-def test_a_hardware_fault_may_be_drawn_from_the_seed() -> None:
-    told = Told(fault(FaultKind.LIDAR_FREEZES, "r1", 1.0, until_s=2.0, within_s=3.0))
-    frozen = []
-    while told.run.sim_time_s < 7.0:
-        told.until(told.run.sim_time_s + 0.02)
-        if told.run.arena._robots[0].lidar.is_frozen:
-            frozen.append(told.run.sim_time_s)
-    assert 1.0 < frozen[0] < 4.1
-    assert frozen[-1] - frozen[0] == pytest.approx(1.0, abs=0.05)
-    told.run.close()
-
-
-REFUSED = {
-    "a robot that there is not": (fault(FaultKind.KILL, "r9"), SMALL, "no robot 'r9'; there are coordinator, r1 to r2"),
-    "hardware of such a robot": (fault(FaultKind.CAN_CUT, "r9"), SMALL, "no robot 'r9'; there are r1 to r2"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("spec", "scenario", "told"), REFUSED.values(), ids=REFUSED)
-def test_faults_that_the_run_cannot_have_are_refused(spec: FaultSpec, scenario: Scenario, told: str) -> None:
-    with pytest.raises(ScenarioError, match=f"^arena_small: faults: {told}"):
-        scenario.replace(faults=(spec,)).world()
-
-
 def test_others_may_not_join_a_run_in_which_components_are_cut_off() -> None:
     with pytest.raises(ScenarioError, match="faults: expected a run that no other process can join"):
         SMALL.replace(faults=(fault(FaultKind.KILL),)).run(listen="tcp/127.0.0.1:0", time_limit_s=1.0)
-
-
-@pytest.mark.slow
-def test_with_links_a_killed_agent_leaves_and_comes_back() -> None:
-    scenario = SMALL.replace(links=LinkSpec(range_m=20.0), chargers=(ChargerSpec(place_m=(1.0, 1.0)),))
-    told = Told(fault(FaultKind.KILL, until_s=4.0), scenario=scenario)
-    told.until(3.0)
-    assert [host.name for host in told.run.hosts] == ["r1"]
-    told.until(9.0)
-    assert told.silent_s("r2")[1] == pytest.approx(4.0, abs=0.2)
-    told.run.close()
 
 
 @pytest.mark.slow

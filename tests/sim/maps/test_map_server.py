@@ -11,7 +11,6 @@ from PIL import Image
 
 from robrain.sim.maps.floor_plan import MapError
 from robrain.sim.maps.map_server import load_map
-from tests.real_maps import REAL_MAPS, needs_real_maps
 
 SETTINGS = {
     "image": "map.png",
@@ -81,15 +80,6 @@ def test_cells_are_free_where_nav2_reads_them_as_free(tmp_path: Path, mode: str 
                 load_map(path)
 
 
-@pytest.mark.parametrize("mode", ["1", "L", "RGB", "RGBA", "LA", "P", "I;16"])
-def test_every_kind_of_png_reads_alike(tmp_path: Path, mode: str) -> None:
-    grey = _grey([0, 255, 255], [255, 255, 0])
-    sixteen_bit = Image.fromarray(np.asarray(grey, dtype=np.uint16) * 257)
-    image = sixteen_bit if mode == "I;16" else grey.convert(mode)
-    plan = load_map(_write(tmp_path, image))
-    assert plan.occupied.tolist() == [[False, False, True], [True, False, False]]
-
-
 @pytest.mark.parametrize(
     ("pixels", "changes", "expected"),
     [
@@ -119,37 +109,6 @@ def test_colours_that_do_not_fit_the_thresholds_are_warned_of(
     array = np.array([pixels], dtype=np.uint8)
     load_map(_write(tmp_path, Image.fromarray(array if array.shape[2] == 2 else array[:, :, 0]), **changes))
     assert re.search(expected, caplog.text) if expected else not caplog.records
-
-
-def test_a_floor_drawn_on_a_transparent_background_is_refused_with_the_reason(tmp_path: Path) -> None:
-    drawn = Image.fromarray(np.array([[[0, 255], [0, 0], [255, 0]]], dtype=np.uint8))
-    with pytest.raises(
-        MapError, match=r"got none; 66.7% of the pixels are transparent, which mode trinary reads as dark"
-    ):
-        load_map(_write(tmp_path, drawn))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "image:\tmap.png\nresolution:\t0.5\norigin:\t[-1.0,\t2, 0.0]\t# corner\nnegate:\t0\n",
-        "image: \tmap.png\nresolution: 5e-1\norigin: [-1e0, +2E0, 0]\nnegate: false\n",
-        "\ufeffimage: 'map.png'\r\nresolution: '0.5'\r\norigin: [-1., .2e1, 0]\r\nnegate: no\r\n",
-    ],
-)
-def test_yaml_is_read_as_other_readers_of_maps_read_it(tmp_path: Path, text: str) -> None:
-    _grey([255, 0]).save(tmp_path / "map.png")
-    path = tmp_path / "lab.yaml"
-    path.write_text(f"{text}occupied_thresh: 65e-2\nfree_thresh: .25\n", encoding="utf-8", newline="")
-    plan = load_map(path)
-    assert (plan.resolution_m, plan.origin_x_m, plan.origin_y_m) == (0.5, -1.0, 2.0)
-
-
-def test_binary_and_plain_pgm_are_read(tmp_path: Path) -> None:
-    for content in (b"P5\n2 1\n255\n\x00\xff", b"P2\n2 1\n255\n0 255\n"):
-        (tmp_path / "map.pgm").write_bytes(content)
-        plan = load_map(_write(tmp_path, None, image="map.pgm"))
-        assert plan.occupied.tolist() == [[True, False]]
 
 
 @pytest.mark.parametrize(
@@ -198,13 +157,6 @@ def test_file_that_is_no_map_is_refused_in_one_sentence(tmp_path: Path, content:
     assert "\n" not in str(caught.value)
 
 
-def test_missing_file_and_folder_are_told(tmp_path: Path) -> None:
-    with pytest.raises(MapError, match="there is none"):
-        load_map(tmp_path / "none.yaml")
-    with pytest.raises(MapError, match="readable YAML file"):
-        load_map(tmp_path)
-
-
 @pytest.mark.parametrize(
     "content", [b"", b"no image", b"\x89PNG\r\n\x1a\n", b"P5\n9 9\n255\n\x00", b"P5\n0 0\n255\n", b"P5\nx"]
 )
@@ -212,26 +164,6 @@ def test_unreadable_image_is_told(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "map.png").write_bytes(content)
     with pytest.raises(MapError, match="image: expected a readable PGM or PNG"):
         load_map(_write(tmp_path, None))
-
-
-@needs_real_maps
-@pytest.mark.parametrize(
-    ("name", "size_m", "free_share", "warned"),
-    [
-        ("nav2_depot", (30.2, 15.35), 179_481 / 185_428, "4.8 % of the cells are grey, 205"),  # as Nav2 reads it
-        ("stage_autolab", (19.98, 17.02), 0.956, ""),
-        ("stage_cave", (16.0, 16.0), 0.979, ""),
-        ("stage_hospital_section", (40.18, 16.39), 0.964, ""),
-    ],
-)
-def test_real_map_has_its_known_size_share_of_free_cells_and_warning(
-    caplog: pytest.LogCaptureFixture, name: str, size_m: tuple[float, float], free_share: float, warned: str
-) -> None:
-    plan = load_map(REAL_MAPS / f"{name}.yaml")
-    assert plan.size_m == pytest.approx(size_m, abs=0.01)
-    assert (~plan.occupied).mean() == pytest.approx(free_share, abs=1e-6 if warned else 0.005)
-    assert warned in caplog.text
-    assert len(caplog.records) == bool(warned)
 
 
 def _header_of_png(width: int, height: int) -> bytes:

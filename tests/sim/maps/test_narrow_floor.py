@@ -1,7 +1,6 @@
 """Whole runs on floors with passages hardly wider than the robots, or narrower."""
 
 import json
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -10,11 +9,10 @@ from robrain import Scenario
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.maps.drawing import Block, FloorDrawing
 from robrain.sim.robot.robot_hardware import RobotHardware
-from robrain.sim.world.referee import GapTooNarrow, NotSeen
+from robrain.sim.world.referee import GapTooNarrow
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = Path(__file__).parents[3] / "examples" / "maps"
 ROOM_M = 4.0
 HEIGHT_M = 4.4
 
@@ -29,21 +27,6 @@ def two_rooms(gap_m, *, long_m=2.0, low_m=2.0, resolution_m=0.05):
             Block(ROOM_M, low_m + gap_m, long_m, HEIGHT_M - low_m - gap_m),
         ),
     )
-
-
-def rooms_joined_by_a_bend(gap_m):
-    """Two rooms of 4 × 4.4 m, joined by a corridor that turns left and then right."""
-    height_m, begin_m, turn_m, end_m = HEIGHT_M, ROOM_M, ROOM_M + 1.0, ROOM_M + 3.0
-    low_m, high_m = 1.0, 3.0
-    blocks = (
-        Block(begin_m, 0.0, turn_m - begin_m, low_m),
-        Block(begin_m, low_m + gap_m, turn_m - begin_m, height_m - low_m - gap_m),
-        Block(turn_m, 0.0, gap_m, low_m),
-        Block(turn_m, high_m + gap_m, gap_m, height_m - high_m - gap_m),
-        Block(turn_m + gap_m, 0.0, end_m - turn_m - gap_m, high_m),
-        Block(turn_m + gap_m, high_m + gap_m, end_m - turn_m - gap_m, height_m - high_m - gap_m),
-    )
-    return FloorDrawing(size_m=(end_m + ROOM_M, height_m), resolution_m=0.05, blocks=blocks)
 
 
 def scenario(floor, *, robots=2, seed=1, radius_m=0.2):
@@ -77,18 +60,3 @@ def test_floor_behind_a_gap_that_no_robot_fits_through_is_not_asked_of_them_and_
     assert left.words.endswith("m wide, robots need 0.50 m")
     told = json.loads(msgspec.json.encode(result))["floor_left"][0]
     assert told["why"]["code"] == "gap_too_narrow"
-
-
-def test_floor_that_could_be_reached_and_was_not_seen_is_named():
-    result = scenario(two_rooms(1.0)).run(time_limit_s=0.4)
-    assert result.ended == "time_limit"
-    (left,) = result.floor_left
-    assert left.why == NotSeen()
-    assert left.area_m2 == pytest.approx((1.0 - result.explored_fraction) * 34.0, rel=0.2)
-
-
-@pytest.mark.parametrize("name", ["warehouse", "office_ring"])
-def test_eight_robots_start_on_a_large_floor_of_the_examples_and_explore_without_touching(name):
-    result = Scenario.from_map(EXAMPLES / f"{name}.yaml", robots=8).run(time_limit_s=1.5)
-    assert (result.robots, result.collisions) == (8, 0)
-    assert result.distance_m > 1.0

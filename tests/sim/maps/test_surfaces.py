@@ -41,11 +41,6 @@ def test_walls_stay_where_they_are_whatever_they_are_made_of():
     assert (cells[PLAN.occupied] & SOLID).all()
 
 
-def test_without_shares_there_is_neither_glass_nor_mirror():
-    assert SurfaceSpec().is_plain
-    assert set(np.unique(drawn()).tolist()) == {0, SOLID}
-
-
 def test_all_of_it_is_the_straight_thin_walls_each_with_its_normal():
     cells = drawn(glass_share=1.0)
     assert (cells[119:121, 100:195] == SOLID | GLASS_Y).all()
@@ -73,23 +68,6 @@ def test_about_the_share_that_is_wanted_is_drawn(kind, mask, share):
     whole = np.count_nonzero(drawn(**{kind: 1.0}) & mask)
     drawn_share = np.count_nonzero(drawn(**{kind: share}) & mask) / whole
     assert drawn_share == pytest.approx(share, abs=0.06)
-
-
-@pytest.mark.parametrize("stretch_m", [1.0, 2.0])
-def test_stretches_are_as_long_as_they_are_to_be(stretch_m):
-    cells = drawn(mirror_share=0.3, stretch_m=stretch_m)
-    edges = np.flatnonzero(np.diff(np.pad((cells[238] & MIRROR_SOUTH != 0).astype(int), 1)))
-    lengths_m = (edges[1::2] - edges[::2]) * PLAN.resolution_m
-    assert len(lengths_m) > 0
-    whole = np.abs(lengths_m / stretch_m - np.rint(lengths_m / stretch_m)) < 1e-9
-    assert np.count_nonzero(~whole) <= 1, "the last one of the wall"
-    assert (lengths_m >= stretch_m / 2).all()
-
-
-def test_same_seed_draws_the_same_and_another_seed_others():
-    spec = {"glass_share": 0.3, "mirror_share": 0.2}
-    assert np.array_equal(drawn(**spec), drawn(**spec))
-    assert not np.array_equal(drawn(**spec), drawn(seed=2, **spec))
 
 
 def test_pane_of_a_floor_is_seen_through_at_a_slant():

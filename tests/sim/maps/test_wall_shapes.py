@@ -1,13 +1,10 @@
 import numpy as np
 import pymunk
-import pytest
 from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
 from robrain.sim.maps.floor_plan import FloorPlan
-from robrain.sim.maps.map_server import load_map
 from robrain.sim.maps.wall_shapes import add_walls, wall_rectangles
-from tests.real_maps import REAL_MAPS, needs_real_maps
 
 WALL = 7
 
@@ -61,29 +58,3 @@ def test_walls_stand_in_the_arena_frame_with_the_given_surface() -> None:
     assert post.shape in shapes
     assert space.point_query_nearest((-0.02, 2.5), 0.01, pymunk.ShapeFilter()) is None
     assert space.point_query_nearest((0.1, 1.98), 0.01, pymunk.ShapeFilter()) is None
-
-
-@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1)])
-def test_disc_pushed_outwards_stays_in_the_arena(direction: tuple[int, int]) -> None:
-    space = pymunk.Space()
-    plan = FloorPlan(np.zeros((30, 40), dtype=bool), 0.1, -2.0, 1.0, "open")
-    add_walls(space, plan, collision_type=WALL)
-    body = pymunk.Body(1.0, 1.0)
-    body.position = (0.0, 2.5)
-    body.velocity = (2.0 * direction[0], 2.0 * direction[1])
-    space.add(body, pymunk.Circle(body, 0.2))
-    for _ in range(400):
-        space.step(0.01)
-        assert plan.contains_free(*body.position)
-
-
-@needs_real_maps
-@pytest.mark.parametrize(
-    ("name", "most"),
-    [("nav2_depot", 1300), ("stage_autolab", 100), ("stage_cave", 450), ("stage_hospital_section", 800)],
-)
-def test_real_map_needs_few_rectangles(name: str, most: int) -> None:
-    occupied = load_map(REAL_MAPS / f"{name}.yaml").occupied
-    rectangles = wall_rectangles(occupied)
-    np.testing.assert_array_equal(_union(rectangles, occupied.shape), _next_to_free(occupied))
-    assert len(rectangles) <= most

@@ -12,7 +12,6 @@ from robrain.protocol.links.exchange import COORDINATOR
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import MeshSpec
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.link_spec import LinkSpec, PartitionSpec
@@ -95,95 +94,3 @@ def test_readings_of_a_cut_off_gateway_arrive_after_the_cut_none_twice_and_none_
         assert (told.name, told.waiting, told.dropped) == ("m9", 0, 0)
         assert heard.run.coordinator.part(FieldKeeper).state.delivery_ratio > 0.97
         assert gateway.store.dropped == 0
-
-
-@pytest.mark.slow
-def test_a_gateway_with_too_little_room_drops_the_oldest_and_says_how_many() -> None:
-    with islands(store=16).team(seed=3) as team:
-        heard = Heard(team)
-        heard.run_until(CUT_S[1] - 1.0)
-        (gateway,) = heard.run.arena.gateways
-        assert gateway.store.waiting == 16
-        dropped = gateway.store.dropped
-        assert dropped > 8
-        heard.run_until(45.0)
-        came = {(reading.mote, reading.sequence) for reading in heard.readings}
-        lost = {(name, number) for name in NORTH for number in own_numbers(heard.run, name)} - came
-        newest = {(name, max(own_numbers(heard.run, name))) for name in NORTH}
-        assert len(lost - newest) == gateway.store.dropped >= dropped
-        (told,) = heard.run.coordinator.part(FieldKeeper).state.gateways
-        assert told.dropped == gateway.store.dropped
-        assert f"gateway m9 stores 0, has dropped {told.dropped}" in heard.run.coordinator.part(FieldKeeper).state.words
-
-
-@pytest.mark.slow
-def test_the_field_tells_by_which_motes_readings_come() -> None:
-    with islands(cut=False, links=False).team(seed=3) as team:
-        team.run_for(20.0)
-        state = team.state().mote_field
-        names = {one.mote for one in state.forwarders}
-        assert names & NORTH
-        assert state.forwarded >= sum(one.readings for one in state.forwarders) > 0
-        assert 1.0 <= state.hops <= 6.0
-        assert f"most by {state.forwarders[0].mote}" in state.words
-        motes = {reading.mote for reading in team.readings(8.0)}
-        assert motes >= NORTH
-    plain = standing_robot().replace(planning=islands().planning)
-    with plain.team(seed=3) as team:
-        team.run_for(10.0)
-        state = team.state().mote_field
-        assert (state.forwarded, state.hops, state.forwarders, state.gateways) == (msgspec.UNSET,) * 4
-        assert not {reading.mote for reading in team.readings(8.0)} & NORTH
-
-
-@pytest.mark.slow
-def test_a_robot_that_is_a_gateway_stores_what_it_collects_out_of_reach_of_the_coordinator() -> None:
-    scenario = islands(cut=False)
-    kind = msgspec.structs.replace(scenario.network.motes, gateways=("r1",), mesh=MeshSpec())
-    cut = PartitionSpec(from_s=8.0, until_s=28.0, groups=(("r1",),))
-    scenario = scenario.replace(
-        network=msgspec.structs.replace(scenario.network, motes=kind), links=LinkSpec(partitions=(cut,))
-    )
-    with scenario.team(seed=3) as team:
-        heard = Heard(team)
-        heard.run_until(8.0)
-        assert heard.run_until(27.5) == []
-        after = heard.run_until(44.0)
-        ages_s = [to_seconds(reading.stamp_ns - reading.measured_ns) for reading in after]
-        assert 15.0 < max(ages_s) < 35.0
-        assert max(Counter((reading.mote, reading.sequence) for reading in heard.readings).values()) == 1
-        assert {one.name for one in heard.run.coordinator.part(FieldKeeper).state.gateways} == {"r1"}
-
-
-@pytest.mark.slow
-def test_a_coordinator_that_begins_anew_is_told_what_was_sensed_while_there_was_none() -> None:
-    with islands(links=False).team(seed=3) as team:
-        run = team.transport.run
-        team.run_for(10.0)
-        before = own_numbers(run, "m12")
-        run.end_coordinator()
-        team.run_for(20.0)
-        run.begin_coordinator()
-        team.run_for(10.0)
-        lives = run.coordinator.part(FieldKeeper).ledger.motes
-        assert set(lives) >= NORTH
-        first, newest = max(before), max(own_numbers(run, "m12"))
-        assert lives["m12"].arrived >= newest - first - 1 >= 5
-        assert run.coordinator.part(FieldKeeper).state.delivery_ratio > 0.95
-
-
-@pytest.mark.slow
-def test_gateways_that_are_no_robots_or_motes_are_refused_with_those_that_there_are() -> None:
-    scenario = islands()
-
-    def named(*names: str) -> Scenario:
-        kind = msgspec.structs.replace(scenario.network.motes, gateways=names)
-        return scenario.replace(network=msgspec.structs.replace(scenario.network, motes=kind), links=None)
-
-    with pytest.raises(ScenarioError, match=r"islands: motes: gateways: no robot or mote 'm99'; there are robots r1"):
-        named("m99").world()
-    with pytest.raises(ScenarioError, match="expected each name once, got 'm3' twice"):
-        named("m3", "m3").world()
-    unknown = LinkSpec(partitions=(PartitionSpec(groups=(("m3",),)),))
-    with pytest.raises(ScenarioError, match="no party 'm3'; there are coordinator and r1 to r1, gateway m9"):
-        scenario.replace(links=unknown).world()

@@ -2,14 +2,13 @@
 
 from collections import Counter
 
-import msgspec
 import numpy as np
 import pytest
 
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
+from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import FORWARDED_TYPE, READING_TYPE, STORED_TYPE, ForwardedPayload, ReadingPayload
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, Levels, Plume, SimulatedField
@@ -73,12 +72,6 @@ def test_readings_of_motes_that_no_base_station_hears_arrive_over_their_neighbou
     assert all(set(range(13)) <= numbers[mote] for mote in ways)
 
 
-def test_motes_do_not_hear_each_other_by_default(wire):
-    line = Line(wire, a_line(5), network(MeshSpec()))
-    assert {reading.mote for _, reading, _, _ in line.run(60.0)} == {1, 2}
-    assert line.field.mesh is None
-
-
 def test_no_more_motes_pass_a_reading_on_than_allowed(wire):
     line = Line(wire, a_line(5), network(MeshSpec(hops=1, routes_s=5.0)))
     heard = line.run(120.0)
@@ -86,14 +79,6 @@ def test_no_more_motes_pass_a_reading_on_than_allowed(wire):
     assert line.field.mesh is not None
     assert line.field.mesh.counters.too_far > 20
     assert {hops for _, _, _, hops in heard} == {0, 1}
-
-
-def test_a_forwarded_reading_tells_its_age_by_the_time_it_waited(wire):
-    heard = Line(wire, a_line(4), network()).run(60.0)
-    ages_ds = {hops: [] for hops in range(3)}
-    for _, reading, _, hops in heard:
-        ages_ds[hops].append(reading.age_ds)
-    assert [min(ages_ds[hops]) for hops in range(3)] == [0, 5, 10]
 
 
 def test_packets_between_motes_meet_the_radio_and_are_sent_again(wire):
@@ -200,18 +185,3 @@ def test_a_mote_holds_no_more_readings_than_it_has_room_for_and_none_is_lost(wir
     assert max(len(station.queue) for station in line.field.mesh._stations) <= 1
     numbers = {reading.sequence for _, reading, _, _ in heard if reading.mote == 6}
     assert len(numbers) >= 35
-
-
-def test_a_forwarded_reading_is_read_as_it_was_written():
-    reading = ReadingPayload(
-        mote=7, sequence=65535, oldest=12, age_ds=3, period_ds=40, voltage_mv=2900, quantity=1, value_centi=-5, x_dm=-1,
-        y_dm=9, rssi_dbm=-77,
-    )  # fmt: skip
-    way = ForwardedPayload(reading, 300, 4)
-    assert ForwardedPayload.unpack(way.pack()) == way
-    assert len(way.pack()) == 27
-    for wrong in (b"", b"123", way.pack()[:-1], way.pack() + b"1"):
-        with pytest.raises(BadPacket):
-            ForwardedPayload.unpack(wrong)
-    with pytest.raises(BadPacket, match="hops up to 255"):
-        msgspec.structs.replace(way, hops=256).pack()

@@ -63,19 +63,3 @@ def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> Non
     assert (dead[watched], covered[watched]) == (10, 0.0)
     assert dead[kept] <= 2
     assert covered[kept] > 0.9
-
-
-def test_robot_stands_in_before_the_first_mote_is_dead_and_the_floor_stays_covered() -> None:
-    policy = MoteFieldPolicy(replacements=1, replacement_s=60.0, replace_before_s=40.0)
-    with field(policy, 2, capacity_mah=0.02, used_at_start_max=0.0).team(seed=4) as team:
-        team.run_for(100.0, until=lambda: any(one.state is TaskState.RUNNING for one in team.list() if one.by))
-        (record,) = [record for record in team.list() if record.by == "mote field"]
-        assert record.task.kind == "replace"
-        assert flat(team) == 0
-        team.run_for(60.0, until=lambda: record.robot in {reading.via for reading in replaced(team, record)})
-        assert any(one.via == record.robot and one.sequence is None for one in replaced(team, record))
-
-
-def replaced(team, record) -> list:
-    """What was told lately in the name of the mote that a task replaces."""
-    return list(team.readings(10.0, mote=record.task.parameters["mote"]))

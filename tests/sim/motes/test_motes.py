@@ -4,7 +4,7 @@ import pytest
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_RADIO_TX
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.tinyos.packet import BROADCAST, ActiveMessage
+from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import (
     ACKNOWLEDGE_TYPE,
     DUTY_TYPE,
@@ -95,12 +95,6 @@ def test_a_mote_in_reach_is_heard_about_every_four_seconds(wire):
     assert [reading.sequence for reading in heard] == list(range(len(heard)))
 
 
-def test_motes_out_of_reach_are_not_heard(wire):
-    heard = Floor(wire, [HERE, Point2D(20.0, 0.0)], [Point2D(5.0, 0.0), Point2D(50.0, 0.0)]).run(60.0)
-    assert {reading.mote for _, reading in heard["r1"]} == {1}
-    assert heard["r2"] == []
-
-
 def test_the_base_station_writes_how_strongly_it_heard(wire):
     heard = Floor(wire, [HERE], [Point2D(1.0, 0.0), Point2D(5.0, 0.0)]).run(60.0)
     assert {reading.rssi_dbm for _, reading in heard["r1"]} == {-60}
@@ -118,17 +112,6 @@ def test_a_reading_tells_place_quantity_and_value(wire):
     assert (first.x_dm, first.y_dm, first.quantity, first.value_centi) == (0, 0, Quantity.TEMPERATURE, 2900)
     assert (second.x_dm, second.y_dm, second.quantity) == (30, -15, Quantity.HUMIDITY)
     assert second.value_centi == round(100 * (40.0 + 10.0 * np.exp(-0.5 * (3.0**2 + 1.5**2) / 9.0)))
-
-
-def test_another_mote_or_robot_leaves_what_was_heard_as_it_was(wire):
-    network = SensorNetwork()
-    motes, robots = [HERE, Point2D(1.0, 0.0)], [Point2D(4.0, 0.0), Point2D(5.0, 0.0)]
-    alone = Floor(wire, motes[:1], robots[:1], network).run(60.0)["r1"]
-    with_mote = Floor(wire, motes, robots[:1], network).run(60.0)["r1"]
-    with_robot = Floor(wire, motes[:1], robots, network).run(60.0)["r1"]
-    assert alone
-    assert [entry for entry in with_mote if entry[1].mote == 1] == alone
-    assert with_robot == alone
 
 
 # -- the log --------------------------------------------------------------------------------------------------
@@ -172,15 +155,6 @@ def test_a_log_holds_what_was_added_until_it_is_forgotten():
         log.get(2)
 
 
-def test_answers_that_were_acknowledged_meanwhile_are_not_sent(wire):
-    floor = Floor(wire, [HERE], [Point2D(2.0, 0.0)])
-    floor.run(40.0)
-    met = floor.run_to_packet()
-    floor.say(REQUEST_TYPE, RequestPayload(0, 0xFFFFFFFF))
-    floor.say(ACKNOWLEDGE_TYPE, SequenceRange(1, met.sequence))
-    assert stored(floor.run(2.0)["r1"]) == [0]
-
-
 # -- being spoken to ------------------------------------------------------------------------------------------
 
 
@@ -191,31 +165,6 @@ def test_a_duty_command_changes_the_period_and_is_confirmed_at_once(wire):
     (kind, confirmed), *_ = floor.run(0.2)["r1"]
     assert (kind, confirmed.period_ds) == (STORED_TYPE, 300)
     assert len(sensed(floor.run(300.0)["r1"])) == 10
-
-
-def test_a_mote_listens_for_a_moment_after_it_has_sent_and_not_longer(wire):
-    floor = Floor(wire, [HERE], [Point2D(2.0, 0.0)])
-    floor.run_to_packet()
-    floor.run(0.5)
-    floor.say(DUTY_TYPE, DutyPayload.of_seconds(30.0))
-    floor.run(10.0)
-    assert floor.field.motes[0].period_ds == 40
-
-
-def test_with_low_power_listening_it_hears_at_any_time_and_pays_for_it(wire):
-    network = SensorNetwork(motes=MoteSpec(jitter_s=0.0, check_s=0.5), radio=STEADY_RADIO)
-    floor = Floor(wire, [HERE], [Point2D(2.0, 0.0)], network)
-    floor.run_to_packet()
-    floor.run(1.0)
-    floor.say(DUTY_TYPE, DutyPayload.of_seconds(30.0))
-    floor.run(1.0)
-    assert floor.field.motes[0].period_ds == 300
-    listened_s = []
-    for each in (STEADY, network):
-        one = Floor(wire, [HERE], [Point2D(2.0, 0.0)], each)
-        one.run(600.0)
-        listened_s.append(one.field.motes[0].battery.state_s[MoteState.LISTEN])
-    assert listened_s[1] > listened_s[0] + 2.0
 
 
 @pytest.mark.parametrize(
@@ -233,15 +182,6 @@ def test_what_a_mote_does_not_understand_it_leaves_alone(wire, kind, payload):
     heard = floor.run(20.0)["r1"]
     assert len(sensed(heard)) == 5
     assert stored(heard) == []
-
-
-def test_a_packet_for_all_reaches_every_mote_that_listens(wire):
-    network = SensorNetwork(motes=MoteSpec(check_s=0.1), radio=STEADY_RADIO)
-    floor = Floor(wire, [HERE, Point2D(1.0, 0.0), Point2D(40.0, 0.0)], [Point2D(2.0, 0.0)], network)
-    floor.run(1.0)
-    floor.say(DUTY_TYPE, DutyPayload.of_seconds(7.0), to=BROADCAST)
-    floor.run(1.0)
-    assert [mote.period_ds for mote in floor.field.motes] == [70, 70, 40]
 
 
 @pytest.mark.parametrize("packet", [b"", b"\x00\x01", bytes(60)])
@@ -283,9 +223,3 @@ def test_a_mote_whose_batteries_are_flat_falls_silent(wire):
     assert voltages == sorted(voltages, reverse=True)
     assert 2100 <= voltages[-1] < voltages[0] <= 3100
     assert floor.run(60.0)["r1"] == []
-
-
-@pytest.mark.parametrize("values", [{"jitter_s": 4.0}, {"quantities": ()}])
-def test_a_mote_without_sense_is_refused(values):
-    with pytest.raises(ValueError, match="expected"):
-        MoteSpec(**values)

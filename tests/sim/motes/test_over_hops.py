@@ -1,11 +1,7 @@
 """Motes out of reach of every base station: requests, acknowledgements and duties come to them over other motes."""
 
-import msgspec
 import numpy as np
-import pytest
 
-from robrain.coordinator.motes.mote_field import FieldKeeper
-from robrain.coordinator.planning.policy import MoteFieldPolicy, PlanningPolicy
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty
@@ -21,7 +17,6 @@ from robrain.sim.motes.gateway import MoteGateway
 from robrain.sim.motes.mote import ArenaMote, MeshSpec
 from robrain.sim.motes.motes import MoteField
 from robrain.sim.motes.radio import MoteState, RadioModel
-from tests.sim.motes.test_gateways import NORTH, standing_robot
 from tests.sim.motes.test_mesh import MESH, RADIO, STEP_M, a_line, network
 
 TICK_S = 0.02
@@ -128,45 +123,6 @@ def test_a_fifth_of_the_packets_lost_on_each_hop_is_repaired(wire):
     assert {number for number in range(ends.last.newest + 1) if number not in ends.last.log} <= came
 
 
-def test_readings_that_a_mote_lost_after_it_had_taken_them_come_when_they_are_asked_for(wire):
-    ends = Ends(wire)
-    ends.run(30.0)
-    lost = 0
-    for _ in range(400):
-        ends.run(TICK_S)
-        queue = ends.field.mesh._stations[2].queue
-        lost += sum(packet.reading.mote == 5 for packet in queue)
-        queue.clear()  # m3 restarts, and has forgotten what it was to pass on
-    assert lost > 0
-    ends.run(60.0)
-    came = ends.came["m5"]
-    assert set(range(max(came) + 1)) == came
-
-
-def test_each_mote_pays_for_what_it_passes_down(wire):
-    spent = {}
-    for is_told in (False, True):
-        ends = Ends(wire, is_gateway_on=False)
-        ends.run(40.0)
-        mesh = ends.field.mesh
-        before = [dict(mote.battery.state_s) for mote in ends.field.motes]
-        if is_told:
-            packet = RoutedPayload(DUTY_TYPE, 1, (3, 4), DutyPayload(40).pack())
-            mesh.down.from_station(1, packet.pack(), ends.field._tick)
-        for _ in range(100):
-            mesh.down.step(ends.field._tick)
-            ends.field._tick += 1
-        spent[is_told] = [
-            {state: mote.battery.state_s[state] - was[state] for state in (MoteState.SEND, MoteState.LISTEN)}
-            for mote, was in zip(ends.field.motes, before, strict=True)
-        ]
-    pairs = zip(spent[True], spent[False], strict=True)
-    sent_s = [told[MoteState.SEND] - quiet[MoteState.SEND] for told, quiet in pairs]
-    assert sent_s[0] == sent_s[4] == 0.0
-    assert sent_s[1] > sent_s[3] > 0.0  # a packet, and an acknowledgement
-    assert sent_s[2] == pytest.approx(sent_s[1] + sent_s[3])
-
-
 DETOUR = [*a_line(5), (2.0 * STEP_M, 3.0)]
 """m6 stands beside m3."""
 
@@ -204,22 +160,3 @@ def test_equal_seeds_give_equal_packets_over_hops():
     assert first[0]
     assert first == said(1)
     assert first != said(2)
-
-
-@pytest.mark.slow
-def test_the_coordinator_puts_motes_on_and_off_duty_that_no_base_station_hears():
-    scenario = standing_robot()
-    radio = msgspec.structs.replace(scenario.network.radio, sensitivity_dbm=-86.0)
-    kind = msgspec.structs.replace(scenario.network.motes, mesh=MeshSpec(hops=6), gateways=("m9",))
-    scenario = scenario.replace(
-        network=msgspec.structs.replace(scenario.network, motes=kind, radio=radio),
-        planning=PlanningPolicy(mote_field=MoteFieldPolicy(turns_s=40.0, sensing_m=20.0)),
-    )
-    with scenario.team(seed=3) as team:
-        team.run_for(90.0)
-        motes = team.transport.run.arena._motes
-        near = {motes.motes[index].mote.name for index in motes._near_stations(radio.sensitivity_dbm - 3.0)}
-        resting = {mote.mote.name for mote in motes.motes if mote.period_ds > 40}
-        assert (resting & NORTH) - near
-        assert not resting & team.transport.run.coordinator.part(FieldKeeper)._duties.on_duty
-        assert motes.mesh.down.counters.delivered > 0

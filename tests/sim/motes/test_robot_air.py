@@ -41,14 +41,6 @@ def test_both_directions_have_the_same_shadow():
     assert there[1] != pytest.approx(PLAIN.mean_rssi_dbm(3.0), abs=1e-6)
 
 
-def test_shadows_have_the_deviation_of_the_model_for_ends_that_are_apart():
-    radio = RadioModel(shadowing_db=4.0, static_share=1.0, sensitivity_dbm=-200.0)
-    off_db = [
-        air(radio, seed).receivers_of(0, *places(0.0, 20.0), 0)[0][1] - radio.mean_rssi_dbm(20.0) for seed in range(400)
-    ]
-    assert np.std(off_db) == pytest.approx(4.0, rel=0.12)
-
-
 def test_at_the_edge_of_reach_half_of_the_packets_arrive_and_the_rest_is_counted():
     one = air()
     (heard,) = strengths_dbm(one, 0, places(0.0, PLAIN.reach_m), packets=1000).values()

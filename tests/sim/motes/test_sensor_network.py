@@ -1,9 +1,6 @@
 """The tables [motes], [radio] and [field] of a scenario."""
 
-import pytest
-
 from robrain import Scenario
-from robrain.sim.errors import ScenarioError
 from robrain.sim.motes.mote import MoteSpec
 from robrain.sim.motes.radio import RadioModel
 
@@ -34,17 +31,3 @@ def test_what_a_scenario_says_of_motes_radio_and_field_is_what_is_simulated(tmp_
     assert found.network.radio == RadioModel(shadowing_db=0.0)
     assert (found.network.field.plumes, found.network.field.light.base) == (1, 100.0)
     assert found.world().network == found.network
-
-
-@pytest.mark.parametrize(
-    ("tables", "key", "sentence"),
-    [
-        ('[motes]\nquantities = ["colour"]\n', "motes.quantities[0]", "unknown value 'colour'"),
-        ("[radio]\ntransmit_dbm = 30.0\n", "radio", "expected a transmit power of at most 10 dBm, got 30"),
-        ("[field.light]\nbase = 1.0\nplume = 1.0\nnoise = -1.0\n", "field.light", "expected noise >= 0, got -1.0"),
-    ],
-)
-def test_a_table_without_sense_is_told_with_file_and_key(tmp_path, tables, key, sentence):
-    with pytest.raises(ScenarioError, match=sentence) as error:
-        scenario(tmp_path, tables)
-    assert str(error.value).startswith(f"{tmp_path / 's.toml'}: {key}: ")

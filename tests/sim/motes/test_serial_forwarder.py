@@ -94,17 +94,6 @@ def test_what_a_client_sends_goes_on_the_air_in_whatever_pieces_it_comes(desk):
     assert [received.message for received in desk.sent.drain()] == [PACKET]
 
 
-def test_a_client_that_has_not_greeted_gets_the_greeting_only(desk):
-    client = desk.client(greeting=b"")
-    assert desk.read(client, 2) == b"U "
-    desk.hear()
-    desk.until(lambda: desk.forwarder.counters.received == 1)
-    client.sendall(b"U \x10" + PACKET)
-    desk.until(lambda: len(desk.sent))
-    desk.hear(PACKET[:9])
-    assert desk.read(client, 10) == b"\x09" + PACKET[:9]
-
-
 def test_who_greets_otherwise_is_hung_up_on_and_the_others_stay(desk):
     good = desk.client()
     desk.wait_for_greetings()
@@ -114,13 +103,6 @@ def test_who_greets_otherwise_is_hung_up_on_and_the_others_stay(desk):
     desk.read(good, 2)
     desk.hear()
     assert desk.read(good, 17) == b"\x10" + PACKET
-
-
-def test_a_client_that_goes_is_forgotten(desk):
-    client = desk.client()
-    desk.until(lambda: desk.forwarder.clients == 1)
-    client.close()
-    desk.until(lambda: desk.forwarder.clients == 0)
 
 
 def test_more_clients_than_a_base_station_serves_are_refused(desk):

@@ -1,13 +1,9 @@
-import io
-
 import numpy as np
 import pytest
-from PIL import Image
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.robot.camera import (
-    CHARGER_YELLOW,
     MOTE_POST,
     PLATE,
     PLATE_INK,
@@ -46,13 +42,6 @@ def robot(x_m, y_m, number=1, yaw_rad=0.0):
     return SeenRobot(number, Pose2D(x_m, y_m, yaw_rad), 0.2)
 
 
-def test_a_png_is_the_same_picture():
-    one = camera()
-    png = one.png(HERE, [robot(3.0, 2.0)], [], 0)
-    assert np.array_equal(np.asarray(Image.open(io.BytesIO(png))), one.picture(HERE, [robot(3.0, 2.0)], [], 0))
-    assert len(png) < 25_000
-
-
 def test_a_robot_ahead_stands_in_the_middle_and_is_as_wide_as_a_pinhole_shows_it():
     seen = pixels_like(camera().picture(HERE, [robot(3.0, 2.0)], [], 0), ROBOT_COLORS[1])
     columns = np.flatnonzero(seen.any(axis=0))
@@ -81,48 +70,6 @@ def test_a_wall_hides_what_is_behind_it():
     walls[:, 50:52] = True
     hidden = camera(walls=walls).picture(HERE, [robot(4.0, 2.0)], [SeenMote(3, Point2D(3.5, 2.2))], 0)
     assert np.array_equal(hidden, camera(walls=walls).picture(HERE, [], [], 0))
-
-
-def test_a_nearer_robot_hides_a_farther_one_whatever_their_order():
-    near, far = robot(2.5, 2.0, number=1), robot(4.5, 2.0, number=2)
-    one, other = camera().picture(HERE, [near, far], [], 0), camera().picture(HERE, [far, near], [], 0)
-    assert np.array_equal(one, other)
-    assert not pixels_like(one, ROBOT_COLORS[2], within=0.05)[60:].any()
-
-
-def test_the_front_of_a_robot_is_dark():
-    towards = camera().picture(HERE, [robot(3.0, 2.0, yaw_rad=np.pi)], [], 0)
-    away = camera().picture(HERE, [robot(3.0, 2.0)], [], 0)
-    body = (slice(66, 72), slice(76, 84))
-    assert towards[body].max() < 40
-    assert away[body].max() > 120
-
-
-@pytest.mark.parametrize("away_m", [1.0, 2.0, 3.0])
-def test_a_charger_is_a_mat_on_the_floor_where_it_lies(away_m):
-    place = Point2D(HERE.x_m + away_m, 2.0)
-    picture, bare = (camera(chargers=each).picture(HERE, [], [], 0) for each in ([place], []))
-    changed = np.any(picture != bare, axis=2)
-    rows, columns = np.nonzero(changed)
-    assert abs(columns.mean() - 79.5) < 1.0
-    focal = 80 / np.tan(0.6)
-    assert (rows.min(), rows.max()) == pytest.approx(
-        (60 + focal * 0.3 / (away_m + 0.3), 60 + focal * 0.3 / (away_m - 0.3)), abs=1.5
-    )
-    assert pixels_like(picture, CHARGER_YELLOW)[changed].mean() > 0.15
-
-
-def test_a_charger_behind_a_wall_or_under_a_robot_is_hidden():
-    walls = room()
-    walls[20:60, 50:52] = True
-    place = Point2D(3.5, 2.0)
-    assert np.array_equal(
-        camera(walls=walls, chargers=[place]).picture(HERE, [], [], 0), camera(walls=walls).picture(HERE, [], [], 0)
-    )
-    docked = [robot(place.x_m, place.y_m)]
-    seen = pixels_like(camera(chargers=[place]).picture(HERE, docked, [], 0), CHARGER_YELLOW)
-    alone = pixels_like(camera(chargers=[place]).picture(HERE, [], [], 0), CHARGER_YELLOW)
-    assert seen.sum() < alone.sum()
 
 
 def test_a_mote_is_a_post_with_its_number():

@@ -89,14 +89,6 @@ def test_contacts_are_those_of_the_last_tick():
     assert [body.contacts_rad for body in bodies.bodies] == [[], []]
 
 
-def test_bodies_in_another_order_than_the_space_has_them_are_refused():
-    space, bodies = team(*STARTS)
-    with pytest.raises(ValueError, match="these robots' bodies, in this order"):
-        RobotBodies(space, list(reversed(bodies.bodies)), TICK_S)
-    with pytest.raises(ValueError, match="and no others"):
-        RobotBodies(space, bodies.bodies[:2], TICK_S)
-
-
 def test_the_energy_of_motion_is_that_of_rolling_turning_and_speeding_up_and_braking_gives_nothing_back():
     powers = [PowerModel(), PowerModel(payload_kg=2.0, speed2_w_per_m2_s2=3.0), PowerModel(drive_efficiency=0.3)]
     loads = np.array([power.row(4.0) for power in powers], LOAD)

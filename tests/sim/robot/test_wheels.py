@@ -8,11 +8,8 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
 from robrain.protocol.model.geometry import Pose2D, Twist2D
-from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.robot.robot_body import MOTION, STATE, WHEELS, RobotBodies, RobotBody, roll
 from robrain.sim.robot.wheels import Wheels, WheelSpec
-from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.scenarios.scenario_file import parse_scenario
 
 BASE = OmniBase()
 SPEEDS = st.tuples(*[st.floats(-10, 10)] * 3)
@@ -25,8 +22,7 @@ def wheels(seed=1, **spec):
 def turns_rad(drawn: Wheels, displacement: Twist2D, steps: int = 1) -> np.ndarray:
     """Turns of the wheels while a body moves by this (m, m, rad) in each of some steps."""
     state, wheels = np.zeros(1, STATE), np.zeros(1, WHEELS)
-    wheels[0] = (drawn.true.wheel_radius_m, drawn.true.wheel_distance_m, drawn.path_per_turn, drawn.lateral_slip,
-                 drawn.slip_m2_per_m, drawn.lateral_m2_per_m)  # fmt: skip
+    wheels[0] = drawn.row
     turns, normals = np.zeros((1, 3)), np.array([[each for _ in range(4) for each in drawn.draw_normals()]])
     used, motion = np.zeros(1, np.int64), np.zeros((1, MOTION))
     for _ in range(steps):
@@ -72,13 +68,6 @@ def test_errors_are_drawn_for_each_robot_and_are_of_the_size_that_is_asked_for()
     assert wheels(3, radius_sigma=0.01).radius_share == wheels(3, radius_sigma=0.01).radius_share
 
 
-def test_a_base_that_is_too_wide_turns_less_than_the_robot_thinks():
-    true = OmniBase(wheel_distance_m=1.01 * BASE.wheel_distance_m)
-    wide = Wheels(true, (1.0, 1.0, 1.0), WheelSpec(), np.random.default_rng())
-    moved = driven_m(wide, *BASE.wheel_speeds_rad_s(Twist2D(0.0, 0.0, 1.0)))
-    assert moved.yaw_rad_s == pytest.approx(1.0 / 1.01)
-
-
 def test_slip_makes_wheels_turn_farther_than_the_way():
     turns = turns_rad(wheels(slip=0.05), Twist2D(1.0, 0.0, 0.0))
     assert BASE.twist(*turns).forward_m_s == pytest.approx(1.0 / 0.95)
@@ -108,44 +97,3 @@ def test_lateral_slip_turns_a_wheel_that_moves_along_its_axle():
 def test_a_robot_that_stands_does_not_slip():
     slipping = wheels(slip_sigma_m_per_sqrt_m=0.1, lateral_sigma_m_per_sqrt_m=0.1, slip=0.1, lateral_slip=0.1)
     assert turns_rad(slipping, Twist2D()).tolist() == [0.0, 0.0, 0.0]
-
-
-SCENARIO = """
-[scenario]
-name = "slippery"
-[floor]
-size_m = [8.0, 6.0]
-resolution_m = 0.05
-[team]
-robots = 2
-[robot.wheels]
-radius_sigma = 0.01
-slip_sigma_m_per_sqrt_m = 0.01
-[robot.base]
-encoder_ticks_per_turn = 128
-"""
-
-
-def driven(seed):
-    """Where two robots of a scenario take themselves to be after some seconds, and where they are."""
-    tables = parse_scenario(SCENARIO, "slippery.toml")
-    scenario = Scenario(name="slippery", floor=tables.floor, robots=2, hardware=tables.robot, seed=seed)
-    run = LockstepRun(scenario.world())
-    try:
-        for _ in range(250):
-            run.tick()
-        wheels_drawn = [robot.body.wheels.radius_share for robot in run.arena._robots]
-        base = run.hosts[0].manager.get("mocdevice").plugin.parameters.base
-        return wheels_drawn, run.truth.robots[0].pose, base
-    finally:
-        run.close()
-
-
-@pytest.mark.slow
-def test_a_scenario_s_wheels_are_drawn_for_each_robot_from_its_seed():
-    drawn, pose, base = driven(1)
-    assert drawn[0] != drawn[1]
-    assert (drawn, pose, base) == driven(1)
-    assert driven(2)[0] != drawn
-    assert base.encoder_ticks_per_turn == 128  # the plugin knows the encoders, and not what is wrong with the wheels
-    assert base.wheel_radius_m == BASE.wheel_radius_m

@@ -8,7 +8,6 @@ from robrain import Scenario
 from robrain.sim.errors import ScenarioError
 
 ROOT = Path(__file__).parents[3]
-TINY = '[scenario]\nname = "tiny"\nseed = 3\n[floor]\nsize_m = [1.5, 1.5]\n[team]\nrobots = 9\n'
 SMALL = Scenario.builtin("arena_small")
 
 
@@ -37,39 +36,6 @@ def test_a_map_is_looked_for_beside_its_scenario_file(tmp_path: Path, monkeypatc
     scenario = Scenario.from_map(tmp_path / "maps" / "office.yaml", robots=2, motes=3)
     world = scenario.world()
     assert (scenario.name, len(world.robots), len(world.motes)) == ("office", 2, 3)
-
-
-def test_more_robots_than_fit_is_told_with_how_many_do(tmp_path: Path):
-    path = tmp_path / "tiny.toml"
-    path.write_text(TINY)
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_file(path).world()
-    said = str(error.value)
-    assert said.startswith("tiny: 9 robots")
-    assert "fit" in said
-    assert "\n" not in said
-
-
-@pytest.mark.parametrize("robots", [0, -3, 1001])
-def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
-    with pytest.raises(ScenarioError, match=f"arena_small: expected robots [<>]= 10*, got {robots}"):
-        SMALL.replace(robots=robots).run()
-
-
-def test_replacing_what_a_scenario_does_not_have_is_answered_with_what_it_has():
-    with pytest.raises(ScenarioError, match=r"arena_small: .*robot.*; a scenario has name, floor, robots"):
-        SMALL.replace(robot=3)
-
-
-@pytest.mark.slow
-def test_the_curve_of_a_run_begins_at_nothing_and_ends_with_the_result():
-    result = SMALL.run(until_explored=1.0, time_limit_s=12.0)
-    times_s, shares = zip(*result.explored_curve, strict=True)
-    assert (times_s[0], shares[0]) == (0.0, 0.0)
-    assert times_s[:-1] == tuple(5.0 * step for step in range(len(times_s) - 1))
-    assert times_s[-1] == result.sim_time_s
-    assert shares[-1] == result.explored_fraction
-    assert list(shares) == sorted(shares)
 
 
 @pytest.mark.slow

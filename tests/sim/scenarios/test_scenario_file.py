@@ -3,61 +3,117 @@ from pathlib import Path
 import pytest
 
 from robrain.sim.errors import ScenarioError
+from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import builtin_names, read_builtin, read_scenario_file
 
-FLOOR = "[floor]\nsize_m = [4.0, 3.0]\n"
-GOOD = f'[scenario]\nname = "s"\n{FLOOR}'
-
-PLACE = "place_m = [1.0, 1.0]"
-
-
-def fault(kind: str, *more: str) -> str:
-    """A scenario with one fault, of robot r1 after a second."""
-    return "\n".join((f'{GOOD}[[faults]]\nrobot = "r1"\nkind = "{kind}"\nat_s = 1.0', *more)) + "\n"
+GOOD = '[scenario]\nname = "s"\n[floor]\nsize_m = [8.0, 6.0]\n[team]\nrobots = 2\n'
+VISIT = '[[tasks]]\nkind = "visit"\nplace_m = [1, 1]\n'
+DOOR = "[[doors]]\nfrom_m = [4.0, 1.4]\nto_m = [4.0, 2.6]\n"
 
 
-# What is wrong, the text, the key that must be named, what was expected.
+def fault(kind: str, *more: str, robot: str = "r1") -> str:
+    return "\n".join((f'[[faults]]\nrobot = "{robot}"\nkind = "{kind}"\nat_s = 2.0', *more)) + "\n"
+
+
+# Text that is added to a good scenario; what the error says after the name of the file.
 WRONG = {
-    "no TOML": ("[scenario\n", "", "is not TOML"),
-    "empty": ("", "", "missing required field `scenario`"),
-    "no name": (f"[scenario]\n{FLOOR}", "scenario", "missing required field `name`"),
-    "unknown table": (f"{GOOD}[robot_team]\ncount = 3\n", "", "unknown table `robot_team`"),
-    "unknown key": (GOOD + "[team]\nrobot = 3\n", "team", "`robot` (did you mean `robots`?); there are idle, near_m,"),
-    "unknown key of the floor": (f"{GOOD}colour = 3\n", "floor", "unknown key `colour`; there are blocks, pillars,"),
-    "neither floor nor map": ('[scenario]\nname = "s"\n', "", "either [floor] or [map]"),
-    "floor and map": (f'{GOOD}[map]\nfile = "map.yaml"\n', "", "either [floor] or [map]"),
-    "no robots": (GOOD + "[team]\nrobots = 0\n", "team", "expected robots"),
-    "starts near and scattered": (f'{GOOD}[team]\nstarts = "scattered"\nnear_m = [1, 1]\n', "team", "got both"),
-    "carried to nowhere": (fault("carried_off"), "faults[0]", "expected place_m for carried_off"),
-    "a place for a bus": (fault("can_cut", PLACE), "faults[0]", "for nothing else"),
-    "carried back": (fault("carried_off", PLACE, "until_s = 2.0"), "faults[0]", "expected no until_s"),
-    "a floor without size": (GOOD.replace("4.0", "0.0"), "floor", "size_m"),
+    "no TOML": ("[scenario\n", "is not TOML"),
+    "unknown table": ("[robot_team]\ncount = 3\n", "unknown table `robot_team`"),
+    "unknown key": ("[radio]\ntransmit = 3\n", "radio: unknown key `transmit` (did you mean `transmit_dbm`?); there "),
+    "floor and map": ('[map]\nfile = "map.yaml"\n', "expected either [floor] or [map]"),
+    "no power": ("[radio]\ntransmit_dbm = 30.0\n", "radio: expected a transmit power of at most 10 dBm, got 30"),
+    "no hardware": ("[[robots]]\nhardware = { lidar = { rys = 3 } }", "robots[0]: hardware.lidar: "),
+    "two places": ("[[robots]]\nplace_m = [1, 1]\nnear_m = [1, 1]", "robots[0]: expected either place_m or near_m"),
+    "a yaw alone": ("[[robots]]\nyaw_rad = 1.0", "robots[0]: expected a finite yaw_rad, and only with place_m"),
+    "without what": ('[[robots]]\nwithout = ["lidar"]', "robots[0]: no plugin lidar; there are "),
+    "plugin": ("[[robots]]\n[robots.plugins.drive]", "robots[0]: no plugin drive; there are "),
+    "relay": ('[[tasks]]\nkind = "relay"\nplace_m = [1, 1]', "tasks[0]: a task to relay needs duration_s"),
+    "parameter": (f"{VISIT}parameters = {{ mote = 1 }}", "tasks[0]: a task to visit has no mote"),
+    "after": (f'{VISIT}after = ["x"]', "tasks[0].after: no task x; there are visit-1"),
+    "a name twice": (2 * f'{VISIT}name = "x"\n', "tasks[1]: expected each name once, got x twice"),
+    "a circle": (
+        f'{VISIT}after = ["visit-2"]\n{VISIT}after = ["visit-1"]',
+        "tasks: visit-1 and visit-2 wait for each other",
+    ),
+    "no group": ("[[links.partitions]]\ngroups = []", "links.partitions[0]: expected groups with at least one name"),
+    "in two groups": (
+        '[[links.partitions]]\ngroups = [["r1"], ["r2", "r1"]]',
+        "links.partitions[0]: expected each name in one of the groups, got 'r1' twice",
+    ),
+    "no interval": (
+        '[[links.partitions]]\nfrom_s = 5\nuntil_s = 5\ngroups = [["r1"]]',
+        "links.partitions[0]: expected until_s above from_s, 5, got 5",
+    ),
+    "carried to nowhere": (fault("carried_off"), "faults[0]: expected place_m for carried_off"),
+    "carried back": (fault("carried_off", "place_m = [1, 1]", "until_s = 3.0"), "faults[0]: expected no until_s"),
+    "it ends before it begins": (fault("kill", "until_s = 1.0"), "faults[0]: expected until_s > at_s = 2"),
+    "slow without a period": (fault("slow"), "faults[0]: expected period_s for slow"),
+    "late before it is sent": (fault("delay", "late_s = [-1.0, 2.0]"), "faults[0]: expected late_s as"),
+    "a side of a kill": (fault("kill", 'side = ["r2"]'), "faults[0]: expected side for partition alone"),
+    "a disk of a robot": (fault("disk_full"), "faults[0]: expected robot = 'coordinator' for disk_full, got 'r1'"),
+    "a battery of the coordinator": (
+        fault("drain", "soc = 0.1", robot="coordinator"),
+        "faults[0]: expected the name of a robot",
+    ),
+    "a delay of an agent": ("[disturbance.agent]\nduration_s = [1.0, 0.5]", "disturbance.agent: expected duration_s"),
+    "doors without timetable": (DOOR, "doors[0]: expected either open_s or period_s"),
+    "no order": (f"{DOOR}open_s = [[3, 5], [4, 6]]", "doors[0]: expected open_s as intervals in order"),
+    "one point": ("[[movers]]\nvia_m = [[1, 1]]", "movers[0]: expected at least two points in via_m, got 1"),
+    "one place": ("[[people]]\nplaces_m = [[1, 1]]", "people[0]: expected at least two places_m, got 1"),
+    "no charge": ("[robot.battery]\ncharge_v = 11.0", "robot.battery: expected charge_v above cut_off_v"),
+}
+
+
+@pytest.mark.parametrize(("text", "told"), WRONG.values(), ids=WRONG)
+def test_a_wrong_scenario_is_told_in_one_sentence_with_file_and_key(text, told):
+    with pytest.raises(ScenarioError) as error:
+        Scenario.from_toml(GOOD + text, "mine.toml")
+    assert str(error.value).startswith(f"mine.toml: {told}")
+    assert "\n" not in str(error.value)
+
+
+# What is right by itself, but not on this floor or in this team.
+IMPOSSIBLE = {
+    "a place in a wall": ("[[robots]]\nplace_m = [0.1, 1]", "expected room for r1, of radius 0.2 m, at x 0.1, y 1"),
+    "a place twice": (2 * "[[robots]]\nplace_m = [1, 1]\n", "expected room for r2, of radius 0.2 m, at x 1, y 1 on s"),
+    "a relay": ('[links]\nrelays = ["r9"]', "links: relays: no party 'r9'; there are coordinator and r1 to r2"),
+    "a party": ('[[links.partitions]]\ngroups = [["m3"]]', "links: partitions: no party 'm3'; there are coordinator"),
+    "a gateway": ('[motes]\ngateways = ["m99"]', "motes: gateways: no robot or mote 'm99'; there are robots r1"),
+    "killed": (fault("kill", robot="r9"), "faults: no robot 'r9'; there are coordinator, r1 to r2"),
+    "cut": (fault("can_cut", robot="r9"), "faults: no robot 'r9'; there are r1 to r2"),
+    "carried into a wall": (fault("carried_off", "place_m = [0, 0]"), "faults: expected room for a robot"),
+    "a charger": ("[[chargers]]\nplace_m = [0.1, 2]", "expected room for a robot of radius 0.2 m at the charger"),
+    "a door": (f"{DOOR.replace('4.0, 1.4', '14.0, 1.4')}open_s = []", "expected doors[0].from_m on the floor"),
+    "a mover": ("[[movers]]\nvia_m = [[2, 2], [2, 5.9]]", "expected movers[0].via_m clear of walls by 0.3 m, got 2, 2"),
+    "a person": ("[[people]]\nplaces_m = [[2, 2], [2, 5.9]]", "expected room for people[0] at 2, 5.9"),
+    "too many robots": ("", "9 robots"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "key", "expected"), WRONG.values(), ids=WRONG)
-def test_a_wrong_scenario_is_told_in_one_sentence_with_file_and_key(tmp_path: Path, text, key, expected):
-    path = tmp_path / "mine.toml"
-    path.write_text(text)
+@pytest.mark.parametrize(("text", "told"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_what_a_world_has_no_room_or_party_for_is_told(text, told):
+    good = GOOD if text else GOOD.replace("8.0, 6.0", "1.5, 1.5").replace("= 2", "= 9")
     with pytest.raises(ScenarioError) as error:
-        read_scenario_file(path)
-    said = str(error.value)
-    assert said.startswith(f"{path}: {key}")
-    assert expected in said
-    assert "\n" not in said
+        Scenario.from_toml(good + text).world()
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path):
-    with pytest.raises(ScenarioError, match=r"nothing\.toml: no such scenario file"):
-        read_scenario_file(tmp_path / "nothing.toml")
+@pytest.mark.parametrize("robots", [0, 1001])
+def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
+    with pytest.raises(ScenarioError, match=f"arena_small: expected robots [<>]= 10*, got {robots}"):
+        Scenario.builtin("arena_small").replace(robots=robots).run()
 
 
-def test_a_folder_and_a_file_of_other_bytes_are_no_scenarios(tmp_path: Path):
-    with pytest.raises(ScenarioError, match="cannot be read"):
-        read_scenario_file(tmp_path)
+def test_files_that_cannot_be_read_are_named(tmp_path: Path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ScenarioError, match=r"bytes\.toml: cannot be read"):
-        read_scenario_file(tmp_path / "bytes.toml")
+    for path, told in (
+        ("nothing.toml", "no such scenario file"),
+        ("", "cannot be read"),
+        ("bytes.toml", "cannot be read"),
+    ):
+        with pytest.raises(ScenarioError, match=told):
+            read_scenario_file(tmp_path / path)
 
 
 @pytest.mark.parametrize("name", builtin_names())

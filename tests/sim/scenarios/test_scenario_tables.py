@@ -77,9 +77,3 @@ def test_key_of_a_table_is_varied_and_written():
 def test_error_names_file_and_key(text, error):
     with pytest.raises(ScenarioError, match=error):
         Scenario.from_toml(ROOM + text, "mine.toml")
-
-
-def test_names_of_stock_tables_stay_robrains(install, caplog):  # noqa: F811
-    install("motes", {"motes": "lamps:Lamp"}, {}, scenario_file.SCENARIO_TABLES.group)
-    assert scenario_file.tables_type().__struct_fields__ == (*scenario_file.ScenarioTables.__struct_fields__, "lamps")
-    assert "scenario table motes of motes is left out: robrain has one" in caplog.text

@@ -7,7 +7,6 @@ import pytest
 from robrain import Scenario
 from robrain.protocol.messages.team.arena_messages import BodyKind
 from robrain.protocol.model.geometry import Point2D
-from robrain.sim.errors import ScenarioError
 from robrain.sim.traffic.specs import DoorSpec
 from robrain.sim.traffic.traffic import Door, Walkways
 
@@ -77,13 +76,6 @@ def test_a_robot_goes_through_a_door_while_it_is_open():
     assert result.per_robot[0].distance_m > 1.5
 
 
-@pytest.mark.slow
-def test_a_door_that_never_opens_hides_floor_that_counts_as_reachable():
-    result = Scenario.from_toml(ROOMS + DOOR + "open_s = []\n").run(until_explored=0.95)
-    assert result.ended == "nothing_left"
-    assert 0.3 < result.explored_fraction < 0.6
-
-
 def test_a_door_stays_open_while_somebody_stands_in_it():
     mine = door(period_s=10.0, open_share=0.5, phase_s=0.0)
     in_it, beside = (4.2, 2.0, 0.2), (4.8, 2.0, 0.2)
@@ -94,51 +86,6 @@ def test_a_door_stays_open_while_somebody_stands_in_it():
     assert not mine.is_open
     assert mine.step(10.0, [beside])
     assert mine.is_open
-
-
-def test_the_phase_of_a_door_is_drawn_from_the_seed():
-    times = np.arange(0.0, 60.0, 0.5)
-    one, same, other = (
-        [
-            Door("d", DoorSpec(from_m=(0, 0), to_m=(1, 0), period_s=30.0), np.random.default_rng(seed)).is_due_open(t)
-            for t in times
-        ]
-        for seed in (1, 1, 2)
-    )
-    assert one == same != other
-    assert sum(one) == sum(other) == 60
-
-
-@pytest.mark.slow
-def test_a_mover_goes_back_and_forth_at_its_speed_and_pauses():
-    run = opened(MOVER, robots=1)
-    try:
-        seen = []
-        for _ in range(300):
-            run.tick()
-            seen.append(bodies(run)["mover1"])
-    finally:
-        run.close()
-    assert seen[49] == pytest.approx((2.5, 0.8), abs=0.011)
-    assert seen[120] == pytest.approx((3.0, 0.8))  # stands from 2 to 3 s
-    assert seen[199] == pytest.approx((2.5, 0.8), abs=0.011)
-    assert max(math.dist(one, other) for one, other in pairwise(seen)) < 0.0101
-
-
-@pytest.mark.slow
-def test_a_box_is_seen_where_it_is_and_no_longer_where_it_was():
-    run = opened("[[movers]]\nvia_m = [[2.0, 2.0], [2.0, 0.8]]\nsize_m = [0.6, 0.4]\nspeed_m_s = 1.0\npause_s = 99.0\n")
-    try:
-        walls, plain = run.arena._robots[0].lidar._walls, run.world.plan.occupied
-        begins = np.argwhere(walls & ~plain).mean(axis=0)
-        for _ in range(100):
-            run.tick()
-        ends = np.argwhere(walls & ~plain)
-    finally:
-        run.close()
-    assert begins == pytest.approx([39.5, 39.5], abs=0.6)
-    assert ends.mean(axis=0) == pytest.approx([15.5, 39.5], abs=0.6)
-    assert len(ends) == pytest.approx(0.6 * 0.4 / 0.05**2, rel=0.1)
 
 
 @pytest.mark.slow
@@ -207,36 +154,3 @@ def test_ways_go_around_walls_and_are_short():
     assert 2.0 * math.hypot(1.0, 0.85) <= length_m < 3.1
     assert len(way) <= 5
     assert Walkways(plan, 0.65).path(Point2D(3.0, 0.8), Point2D(5.0, 0.8)) is None
-
-
-WRONG = {
-    "doors without timetable": (DOOR, "doors[0]: expected either open_s or period_s"),
-    "doors with two": (DOOR + "open_s = []\nperiod_s = 3\n", "doors[0]: expected either open_s or period_s"),
-    "no order": (DOOR + "open_s = [[3, 5], [4, 6]]\n", "doors[0]: expected open_s as intervals in order"),
-    "one point": ("[[movers]]\nvia_m = [[1, 1]]\n", "movers[0]: expected at least two points in via_m, got 1"),
-    "one place": ("[[people]]\nplaces_m = [[1, 1]]\n", "people[0]: expected at least two places_m, got 1"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("toml", "told"), WRONG.values(), ids=WRONG)
-def test_traffic_without_sense_is_refused_with_file_and_key(toml, told):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_toml(ROOMS + toml, "mine.toml")
-    assert str(error.value).startswith(f"mine.toml: {told}")
-
-
-@pytest.mark.parametrize(
-    ("toml", "told"),
-    [
-        (DOOR.replace("4.0, 1.4", "14.0, 1.4") + "open_s = []\n", "expected doors[0].from_m on the floor, got 14, 1.4"),
-        (
-            MOVER.replace("3.0, 0.8", "5.0, 0.8"),
-            "expected movers[0].via_m clear of walls by 0.3 m, got 2, 0.8 to 5, 0.8",
-        ),
-        (PEOPLE.replace("7.0, 3.3", "4.0, 3.3"), "expected room for people[0] at 4, 3.3"),
-    ],
-)
-def test_traffic_that_the_floor_has_no_room_for_is_told(toml, told):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_toml(ROOMS + toml).world()
-    assert told in str(error.value)

@@ -154,15 +154,6 @@ def test_encoders_alone_lead_along_the_true_way(stage):
     assert abs(pose.yaw_rad - one.truth().pose.yaw_rad) < 2e-3
 
 
-def test_a_robot_rolls_out_after_its_last_command_and_stands(stage):
-    one = stage(Pose2D(1.0, 2.0, 0.0))
-    one.run(50, r1=Twist2D(0.3))
-    one.run(40)
-    place = one.truth().pose
-    one.run(50)
-    assert one.truth().pose == place
-
-
 def test_running_into_a_wall_is_one_collision_however_long_it_pushes(stage):
     one = stage(Pose2D(3.0, 2.0, 0.0))
     one.run(400, r1=Twist2D(0.5))
@@ -182,13 +173,6 @@ def test_sliding_along_a_wall_of_many_shapes_is_one_collision(stage):
     assert one.truth().collisions == 1
 
 
-def test_two_robots_that_meet_count_one_collision_each(stage):
-    one = stage(Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 2.0, math.pi))
-    one.run(250, r1=Twist2D(0.4), r2=Twist2D(0.4))
-    assert [truth.collisions for truth in one.arena.truth.robots] == [1, 1]
-    assert one.arena.collisions == 2
-
-
 def test_encoders_stand_still_while_a_wall_holds_the_robot(stage):
     one = stage(Pose2D(3.0, 2.0, 0.0))
     one.run(200, r1=Twist2D(0.5))
@@ -199,7 +183,7 @@ def test_encoders_stand_still_while_a_wall_holds_the_robot(stage):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degrees", range(0, 360, 30))
+@pytest.mark.parametrize("degrees", range(0, 360, 60))
 def test_no_robot_gets_into_a_wall_at_full_speed(stage, degrees):
     plan = crossed_room()
     one = stage(Pose2D(1.05, 1.15, math.radians(degrees)), plan=plan)
@@ -279,16 +263,13 @@ def recorded(stage, *, seed: int, motes: int = 2) -> list[tuple[str, bytes]]:
     ]
 
 
-def test_equal_seeds_give_byte_equal_traffic_and_another_seed_does_not(stage):
+def test_equal_seeds_give_byte_equal_traffic_and_another_mote_changes_nothing_that_robots_sense(stage):
     first = recorded(stage, seed=7)
     assert {key.split("/")[-1] for key, _ in first} == {"can0", "scan", "rx", "clock", "truth"}
     assert recorded(stage, seed=7) == first
     assert recorded(stage, seed=8) != first
-
-
-def test_another_mote_changes_nothing_that_robots_sense(stage):
     few, more = (
-        [sample for sample in recorded(stage, seed=7, motes=motes) if sample[0].endswith("/scan")] for motes in (1, 2)
+        [one for one in each if one[0].endswith("/scan")] for each in (recorded(stage, seed=7, motes=1), first)
     )
     assert few == more
 

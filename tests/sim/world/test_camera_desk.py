@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.messages.team.arena_messages import ARENA_CAMERA, ARENA_SENSE
 from robrain.protocol.model.geometry import Pose2D
 from tests.plugins.behavior.errands import Errands
@@ -35,12 +34,6 @@ def test_a_board_measures_what_there_is_with_the_noise_of_a_mote(run):
     assert later["temperature_c"] == pytest.approx(values["temperature_c"], abs=1.0)
 
 
-def test_a_robot_that_is_not_there_has_neither(run):
-    for topic in (ARENA_CAMERA, ARENA_SENSE):
-        with pytest.raises((NobodyThere, CallError)):
-            run.wire.ask(topic, robot="r9")
-
-
 def test_who_looks_changes_nothing():
     digests = []
     for looks in (0, 7):
@@ -52,6 +45,3 @@ def test_who_looks_changes_nothing():
         one.run(3.0 - 0.2 * looks)
         digests.append(one.close())
     assert digests[0] == digests[1]
-
-
-FLOOR = '[scenario]\nname = "x"\n[floor]\nsize_m = [4.0, 4.0]\n'

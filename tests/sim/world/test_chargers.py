@@ -1,20 +1,19 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.firmware.battery import BatterySpec
-from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.scenarios.scenario_file import parse_scenario
 from robrain.sim.world.arena import Arena
 from robrain.sim.world.chargers import Chargers, ChargerSpec
-from robrain.sim.world.world import TICK_S, World, build_world
+from robrain.sim.world.world import TICK_S, World
 
 DOCK = ChargerSpec(place_m=(1.0, 1.0), power_w=30.0, reach_m=0.2)
 
@@ -29,14 +28,11 @@ def room() -> FloorPlan:
     return FloorPlan(occupied, 0.05, 0.0, 0.0, "room")
 
 
-def test_a_robot_that_stands_within_reach_is_fed():
+def test_a_robot_that_stands_within_reach_is_fed_and_one_that_drives_by_or_stands_beside_is_not():
     chargers = Chargers([DOCK], TICK_S)
     assert chargers.supplies_w([body(1.1, 1.1), body(3.0, 3.0)]) == [30.0, 0.0]
     assert chargers.docked == [0]
 
-
-def test_a_robot_that_drives_by_or_stands_beside_is_not_fed():
-    chargers = Chargers([DOCK], TICK_S)
     assert chargers.supplies_w([body(1.0, 1.0, moving=True), body(1.3, 1.0)]) == [0.0, 0.0]
 
 
@@ -54,7 +50,6 @@ def test_one_robot_is_not_fed_by_two_docks():
     assert chargers.supplies_w([body(1.05, 1.0), body(1.1, 1.05)]) == [30.0, 50.0]
 
 
-@pytest.mark.slow
 def test_a_robot_of_the_arena_is_charged_at_a_dock():
     session = open_lockstep_session()
     clock = VirtualClock()
@@ -65,12 +60,11 @@ def test_a_robot_of_the_arena_is_charged_at_a_dock():
         for number, x_m in enumerate((1.0, 2.0), 1)
     ]
     arena = Arena(World(room(), robots, [], 1, chargers=(DOCK,)), wire)
-    for tick in range(1, 3000):
+    for tick in range(1, 101):
         clock.advance_to(tick * 20_000_000)
         arena.step()
     docked, other = (robot.battery for robot in arena._robots)
-    assert docked.soc > 0.503
-    assert other.soc < 0.497
+    assert docked.soc > 0.5 > other.soc
     assert docked.current_a < 0 < other.current_a
     arena.close()
     wire.close()
@@ -89,8 +83,3 @@ def test_a_scenario_file_says_where_chargers_are_and_robots_are_told():
     assert world.robot_file(world.robots[0]).parameters["home"] == {
         "chargers": [{"x_m": 1.0, "y_m": 2.0}, {"x_m": 4.0, "y_m": 4.0, "yaw_rad": 1.5}]
     }
-
-
-def test_a_charger_in_a_wall_is_refused():
-    with pytest.raises(PlacementError, match=r"room for a robot of radius 0.2 m at the charger at x 0.1, y 2 on room"):
-        build_world(room(), 1, 0, None, 1, chargers=[ChargerSpec(place_m=(0.1, 2.0))])

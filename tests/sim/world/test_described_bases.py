@@ -12,82 +12,42 @@ TWO = Scenario.builtin("arena_small").replace(robots=1, motes=0, roster=(RobotSp
 
 
 @pytest.mark.slow
-def test_odometry_of_two_wheels_is_exact_and_the_hull_never_slides_sideways() -> None:
-    run = LockstepRun(TWO.replace(seed=3).world())
-    (robot,), start, sideways_m = run.arena._robots, run.arena._robots[0].body.pose, 0.0
+def test_odometry_is_as_exact_as_the_wheels_and_only_holonomic_hulls_slide_sideways() -> None:
+    exact, by_lines, car = (0.01, 0.002), (0.05, 0.05), (0.02, 0.005)  # counts by lines are asked for at 20 Hz
+    bases = {
+        RobotType.TWO_WHEELS: exact,
+        RobotType.SERIAL: by_lines,
+        RobotType.FOUR_OMNI: exact,
+        RobotType.MECANUM: exact,
+        RobotType.CAR: car,
+    }
+    depot = Scenario.builtin("depot").replace(robots=len(bases), motes=0, seed=3)
+    run = LockstepRun(depot.replace(roster=tuple(RobotSpec(type=kind) for kind in bases)).world())
+    robots = run.arena._robots
+    starts, sideways_m, turned_rad = [robot.body.pose for robot in robots], [0.0] * len(bases), [0.0] * len(bases)
     for _ in range(500):
         run.tick()
-        sideways_m += abs(robot.body.left_m)
-    device = run.hosts[0].manager.get("mocdevice").plugin
-    true, found = robot.body.pose, start.compose(device.pose())
-    assert robot.body.distance_m > 3.0
-    assert found.distance_m(true) < 0.01
-    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.002)
-    assert sideways_m < 0.01
-    counters = device.counters()
-    assert (counters.rejected, counters.foreign) == (0, 0)
-    assert not device.is_holonomic()
-    run.close()
-
-
-@pytest.mark.slow
-def test_odometry_by_lines_of_text_is_as_true_as_that_by_frames() -> None:
-    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.SERIAL),)).world())
-    (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
-    for _ in range(500):
-        run.tick()
-    device = run.hosts[0].manager.get("mocdevice").plugin
-    assert type(device).__name__ == "SerialBase"
-    true, found = robot.body.pose, start.compose(device.pose())
-    assert robot.body.distance_m > 3.0
-    assert found.distance_m(true) < 0.05  # counts are asked for at 20 Hz
-    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.05)
-    assert device.counters().rejected == 0
-    assert robot.controller.rejected_frames == 0
+        for number, robot in enumerate(robots):
+            sideways_m[number] += abs(robot.body.left_m)
+            turned_rad[number] += abs(robot.body.turned_rad)
+    for number, (kind, (off_m, off_rad)) in enumerate(bases.items()):
+        device, body = run.hosts[number].manager.get("mocdevice").plugin, robots[number].body
+        found = starts[number].compose(device.pose())
+        assert body.distance_m > 1.0, kind
+        assert found.distance_m(body.pose) < off_m, kind
+        assert math.remainder(found.yaw_rad - body.pose.yaw_rad, math.tau) == pytest.approx(0.0, abs=off_rad), kind
+        is_holonomic = kind in (RobotType.FOUR_OMNI, RobotType.MECANUM)
+        assert (sideways_m[number] > 0.05) if is_holonomic else (sideways_m[number] < 0.01), kind
+        assert (device.is_holonomic(), device.counters().rejected) == (is_holonomic, 0), kind
+        if kind is RobotType.CAR:
+            assert turned_rad[number] < body.distance_m / device.turn_radius_min_m() + 0.2
+    assert run.arena.collisions == 0
     run.close()
 
 
 def test_a_serial_controller_of_other_than_two_wheels_is_refused() -> None:
     with pytest.raises(ValueError, match='controller: expected a chassis of type = "differential" for "lines"'):
         RobotSpec(type=RobotType.MECANUM, hardware={"controller": "lines"})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [RobotType.FOUR_OMNI, RobotType.MECANUM])
-def test_odometry_of_four_wheels_is_exact_and_the_hull_slides_sideways_too(kind: RobotType) -> None:
-    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=kind),)).world())
-    (robot,), start, sideways_m = run.arena._robots, run.arena._robots[0].body.pose, 0.0
-    for _ in range(500):
-        run.tick()
-        sideways_m += abs(robot.body.left_m)
-    device = run.hosts[0].manager.get("mocdevice").plugin
-    true, found = robot.body.pose, start.compose(device.pose())
-    assert found.distance_m(true) < 0.01
-    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.002)
-    assert sideways_m > 0.05
-    counters = device.counters()
-    assert (counters.rejected, counters.foreign, len(device.wheel_counts().counts)) == (0, 0, 4)
-    assert device.is_holonomic()
-    run.close()
-
-
-@pytest.mark.slow
-def test_odometry_of_a_car_is_exact_and_its_hull_never_slides_sideways() -> None:
-    run = LockstepRun(TWO.replace(seed=3, roster=(RobotSpec(type=RobotType.CAR),)).world())
-    (robot,), start = run.arena._robots, run.arena._robots[0].body.pose
-    turned_rad = sideways_m = 0.0
-    for _ in range(600):
-        run.tick()
-        sideways_m += abs(robot.body.left_m)
-        turned_rad += abs(robot.body.turned_rad)
-    device = run.hosts[0].manager.get("mocdevice").plugin
-    true, found = robot.body.pose, start.compose(device.pose())
-    assert found.distance_m(true) < 0.02
-    assert math.remainder(found.yaw_rad - true.yaw_rad, math.tau) == pytest.approx(0.0, abs=0.005)
-    assert sideways_m < 0.01
-    assert 2.0 < turned_rad < robot.body.distance_m / device.turn_radius_min_m() + 0.2
-    assert run.arena.collisions == 0
-    run.close()
 
 
 def test_wheels_that_no_simulated_controller_turns_are_refused_with_their_key() -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 from tests.sim.links.radio_team import corridor
 
@@ -20,45 +19,6 @@ def test_robots_are_told_to_wait_at_their_start_if_they_know_it_and_are_to_retur
     assert idle("return_after_s = inf")[1] is None
     assert idle("", starts_known=False)[1] is None
     assert idle("", links=None)[1] is None
-
-
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        ("relays = 3", "links.relays: Expected `bool | array`, got `int`"),
-        ("[[links.partitions]]\ngroups = []", "links.partitions[0]: expected groups with at least one name each"),
-        ('[[links.partitions]]\ngroups = [["r1"], []]', "expected groups with at least one name each"),
-        (
-            '[[links.partitions]]\ngroups = [["r1"], ["r2", "r1"]]',
-            "links.partitions[0]: expected each name in one of the groups, got 'r1' twice",
-        ),
-        (
-            '[[links.partitions]]\nfrom_s = 5\nuntil_s = 5\ngroups = [["r1"]]',
-            "links.partitions[0]: expected until_s above from_s, 5, got 5",
-        ),
-    ],
-)
-def test_links_without_sense_are_refused_with_file_and_key(lines, sentence):
-    with pytest.raises(ScenarioError) as error:
-        corridor(lines, robots=2)
-    assert str(error.value).startswith("corridor.toml: ")
-    assert sentence in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        ('relays = ["r9"]', "corridor: links: relays: no party 'r9'; there are coordinator and r1 to r2"),
-        (
-            '[[links.partitions]]\ngroups = [["base"]]',
-            "corridor: links: partitions: no party 'base'; there are coordinator and r1 to r2",
-        ),
-    ],
-)
-def test_robots_that_are_not_there_are_refused(lines, sentence):
-    with pytest.raises(ScenarioError) as error:
-        corridor(lines, robots=2).world()
-    assert str(error.value) == sentence
 
 
 ROOT = Path(__file__).parents[3]

@@ -51,13 +51,6 @@ def tell(endpoint: Endpoint, *patches: MapPatch) -> None:
         publishers[one.robot].put(one)
 
 
-def test_the_team_s_grid_covers_the_plan():
-    assert EDGE_CELLS == 3, "on all sides there is room for the outer walls"
-    assert (GEOMETRY.width, GEOMETRY.height) == (43 + 6, 22 + 6)
-    assert (GEOMETRY.origin_x_m, GEOMETRY.origin_y_m) == pytest.approx((-1.3, -2.3))
-    assert team_geometry(PLAN, 0.25).width == 18 + 6
-
-
 def test_only_the_floor_that_robots_reach_counts(endpoint, referee):
     assert referee.explored_fraction == 0.0
     tell(endpoint, patch(0, 22, np.zeros((22, 21))))  # all of the room that nobody reaches

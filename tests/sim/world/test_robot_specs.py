@@ -2,7 +2,6 @@ import pytest
 
 from robrain import Scenario
 from robrain.protocol.model.geometry import Pose2D
-from robrain.sim.errors import ScenarioError
 from robrain.sim.world.robot_specs import with_all
 
 HALL = """
@@ -46,15 +45,6 @@ def test_each_robot_has_its_type_place_hardware_and_parameters():
     assert [file.robot.load is None for file in files] == [True, True, False]
 
 
-@pytest.mark.slow
-def test_a_robot_without_a_camera_lacks_what_needs_one_and_says_so():
-    with Scenario.from_toml(HALL + TEAM).team() as team:
-        team.run_for(0.5)
-        known = {kind.kind: kind.robots for kind in team.kinds()}
-    assert known["inspect"] == known["monitor"] == ["r1", "r2"]
-    assert known["visit"] == ["r1", "r2", "r3"]
-
-
 def test_without_leaves_out_all_that_require_it_at_whatever_distance():
     left = with_all(["mocdevice"])
     assert "mocdevice" not in left
@@ -82,37 +72,3 @@ def test_robots_beyond_the_listed_ones_are_as_the_team_and_fewer_take_the_first(
     assert [robot.radius_m for robot in scenario.replace(robots=5).world().robots] == [0.15, 0.28, 0.17, 0.2, 0.2]
     assert [robot.radius_m for robot in scenario.replace(robots=1).world().robots] == [0.15]
     assert Scenario.from_toml(HALL).robots == 4
-
-
-def robot(*lines: str) -> str:
-    return "\n".join(("[[robots]]", *lines)) + "\n"
-
-
-@pytest.mark.parametrize(
-    ("robots", "told"),
-    [
-        (robot("place_m = [1, 1]", "near_m = [1, 1]"), "robots[0]: expected either place_m or near_m, got both"),
-        (robot("yaw_rad = 1.0"), "robots[0]: expected a finite yaw_rad, and only with place_m"),
-        (robot('without = ["lidar"]'), "robots[0]: no plugin lidar; there are "),
-        (robot("[robots.plugins.drive]"), "robots[0]: no plugin drive; there are "),
-        (robot("hardware = { radius_m = 0 }"), "robots[0]: hardware: expected radius_m > 0, got 0"),
-        (robot("hardware = { lidar = { rys = 3 } }"), "robots[0]: hardware.lidar: "),
-    ],
-)
-def test_a_robot_without_sense_is_refused_with_file_and_key(robots, told):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_toml(HALL + robots, "mine.toml")
-    assert str(error.value).startswith(f"mine.toml: {told}")
-
-
-@pytest.mark.parametrize(
-    ("robots", "told"),
-    [
-        (robot("place_m = [0.1, 1]"), "expected room for r1, of radius 0.2 m, at x 0.1, y 1 on mixed"),
-        (2 * robot("place_m = [1, 1]"), "expected room for r2, of radius 0.2 m, at x 1, y 1 on mixed, got r1 there"),
-    ],
-)
-def test_a_place_without_room_is_told(robots, told):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_toml(HALL + robots).world()
-    assert told in str(error.value)

@@ -35,10 +35,6 @@ parameters = { look_at = [2.0, 2.0] }
 """
 
 
-def task(*lines: str) -> str:
-    return "\n".join(("[[tasks]]", *lines)) + "\n"
-
-
 @pytest.mark.slow
 def test_tasks_of_a_scenario_are_done_before_its_run_ends():
     result = Scenario.from_toml(HALL + VISITS).run()
@@ -49,7 +45,7 @@ def test_tasks_of_a_scenario_are_done_before_its_run_ends():
         ("inspect-1", "inspect", TaskState.DONE),
     ]
     assert all(one.robot in ("r1", "r2") for one in result.tasks)
-    assert Scenario.from_toml(HALL).run().sim_time_s < 3.0 < result.sim_time_s
+    assert result.sim_time_s > 3.0
 
 
 @pytest.mark.slow
@@ -65,49 +61,6 @@ def test_a_task_is_submitted_at_its_time_by_the_scenario_and_recorded():
     assert (first.task.priority, first.task.service_s, first.task.deadline_ns) == (2.0, 1.0, 53_000_000_000)
     assert records["second"].task.after == ("first",)
     assert records["inspect-1"].task.parameters == {"look_at": {"x_m": 2.0, "y_m": 2.0}}
-
-
-@pytest.mark.slow
-def test_what_becomes_of_a_task_is_told_in_words():
-    toml = HALL.replace("until_explored = 0.5", "until_explored = 0.5\nseed = 2")
-    wrong = task('kind = "visit"', "place_m = [50.0, 1.0]") + task(
-        'kind = "visit"', "place_m = [5.0, 1.0]", "at_s = 99.0"
-    )
-    late = task('kind = "wash"', "place_m = [5.0, 1.0]", "at_s = 1.0")
-    result = Scenario.from_toml(toml + wrong + late).run(time_limit_s=10.0)
-    beyond, not_yet, unknown = result.tasks
-    assert result.ended == "time_limit"  # one task was still to come
-    assert (beyond.state, not_yet.state, unknown.state) == (TaskState.QUEUED, None, None)
-    assert beyond.words.startswith("task visit-1: Queued. ")
-    assert not_yet.words == "task visit-2: not submitted before the end"
-    assert unknown.words.startswith("task wash-1: task wash-1 is refused: ")
-
-
-@pytest.mark.parametrize(
-    ("tasks", "told"),
-    [
-        (task('kind = "relay"', "place_m = [1, 1]"), "tasks[0]: a task to relay needs duration_s"),
-        (
-            task('kind = "visit"', "place_m = [1, 1]", "parameters = {mote = 1}"),
-            "tasks[0]: a task to visit has no mote",
-        ),
-        (task('kind = "visit"', "place_m = [1, 1]", 'after = ["x"]'), "tasks[0].after: no task x; there are visit-1"),
-        (
-            2 * task('kind = "visit"', "place_m = [1, 1]", 'name = "x"'),
-            "tasks[1]: expected each name once, got x twice",
-        ),
-        (
-            task('kind = "visit"', "place_m = [1, 1]", 'after = ["visit-2"]')
-            + task('kind = "visit"', "place_m = [1, 1]", 'after = ["visit-1"]'),
-            "tasks: visit-1 and visit-2 wait for each other",
-        ),
-    ],
-)
-def test_a_task_without_sense_is_refused_with_file_and_key(tasks, told):
-    with pytest.raises(ScenarioError) as error:
-        Scenario.from_toml(HALL + tasks, "mine.toml")
-    assert str(error.value).startswith(f"mine.toml: {told}")
-    assert "\n" not in str(error.value)
 
 
 def test_tasks_of_a_script_are_checked_as_well():

@@ -5,9 +5,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from robrain.protocol.model.geometry import Point2D
 from robrain.sim.firmware.disturbance import DelaySpec, DisturbanceSpec
-from robrain.sim.maps.floor_plan import FloorPlan, PlacementError
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.placement import Starts
 from robrain.sim.robot.robot_hardware import RobotHardware
 from robrain.sim.robot.wheels import WheelSpec
@@ -41,22 +40,11 @@ def test_robots_start_clear_of_walls_and_of_each_other():
         assert one.start.distance_m(other.start) >= ROBOT_SPACING_M - 1e-6
 
 
-def test_robots_start_near_the_place_that_is_asked_for():
-    near = Point2D(3.0, 6.0)
-    world = build_world(plan(), 2, 0, near, 1)
-    assert all(robot.start.distance_m(near) < 1.5 for robot in world.robots)
-
-
 def test_motes_lie_where_robots_come_by():
     world = build_world(plan(), 1, 12, None, 1)
     assert [(mote.name, mote.number) for mote in world.motes[:2]] == [("m1", 1), ("m2", 2)]
     assert len({(mote.place.x_m, mote.place.y_m) for mote in world.motes}) == 12
     assert all(world.plan.contains_free(mote.place.x_m, mote.place.y_m) for mote in world.motes)
-
-
-def test_robots_that_do_not_fit_are_told_how_many_do():
-    with pytest.raises(PlacementError, match=r"50 robots .* asked for .* \d+ fit"):
-        build_world(plan(2.0, 2.0), 50, 0, None, 1)
 
 
 def test_a_robots_file_says_where_it_starts_and_which_grid_the_team_maps_on():

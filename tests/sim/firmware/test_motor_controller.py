@@ -1,12 +1,14 @@
-from collections.abc import Iterator
+"""The motor controller: what it obeys, its watchdog, its error states, and the line that it sits on."""
 
 import can
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.protocol.can.bus_state import BusState, state_in, state_of
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
+from robrain.sim.firmware.bus_line import BusLine, LineFault
 from robrain.sim.firmware.motor_controller import MotorState
 from tests.sim.firmware.controller_node import ControllerNode
 
@@ -17,39 +19,47 @@ STANDING = (0.0, 0.0, 0.0)
 
 
 class Desk:
-    """A motor controller on a bus, and a host beside it."""
+    """A motor controller on a line, and a host beside it."""
 
-    def __init__(self, board: can.BusABC, host: can.BusABC) -> None:
-        self.board = board
-        self.host = host
-        self.node = ControllerNode(board, OmniBase(), TICK_S)
+    def __init__(self, session):
+        self.line = BusLine(ZenohBus("r1/can0", session=session, direct=True))
+        self.host = ZenohBus("r1/can0", session=session, direct=True)
+        self.node = ControllerNode(self.line, OmniBase(), TICK_S, lambda: self.line.transmit_errors)
         self.controller = self.node.controller
         self.turns_rad = [0.0, 0.0, 0.0]
+        self.sent = 0
 
-    def command(self) -> None:
-        self.host.send(codec("WheelCommand").pack(0, **COMMAND))
+    def command(self):
+        self.host.send(codec("WheelCommand").pack(self.sent, **COMMAND))
+        self.sent += 1
 
-    def stop(self, *, latched: bool) -> None:
-        self.host.send(codec("Stop").pack(0, latched=latched))
+    def stop(self, *, latched=False):
+        self.host.send(codec("Stop").pack(self.sent, latched=latched))
+        self.sent += 1
 
-    def tick(self, count: int = 1) -> None:
+    def tick(self, count=1):
         for _ in range(count):
             self.controller.receive()
             self.node.report(self.turns_rad)
 
-    def heard(self, name: str) -> list[dict[str, float]]:
-        frames = iter(lambda: self.host.recv(timeout=0), None)
+    def frames(self):
+        return list(iter(lambda: self.host.recv(timeout=0), None))
+
+    def heard(self, name):
+        frames = self.frames()
         return [codec(name).unpack(frame) for frame in frames if frame.arbitration_id == codec(name).arbitration_id]
+
+    def statuses(self):
+        return self.heard("MotorStatus")
 
 
 @pytest.fixture
-def desk() -> Iterator[Desk]:
+def desk():
     session = open_lockstep_session()
-    board = ZenohBus("r1/can0", session=session, direct=True)
-    host = ZenohBus("r1/can0", session=session, direct=True)
-    yield Desk(board, host)
-    host.shutdown()
-    board.shutdown()
+    desk = Desk(session)
+    yield desk
+    desk.host.shutdown()
+    desk.line.shutdown()
     session.close()
 
 
@@ -168,3 +178,79 @@ def test_the_watchdog_bites_at_its_tick_when_the_ticks_between_are_left_out(desk
     desk.controller.receive(17)
     assert desk.controller.state is MotorState.WATCHDOG
     assert desk.controller.has_news
+
+
+def test_a_power_stage_that_fails_stands_and_says_so_at_once(desk):
+    desk.command()
+    desk.tick()
+    desk.statuses()
+    desk.controller.has_failed = True
+    desk.command()
+    desk.tick()
+    assert desk.controller.wheel_speeds_rad_s == STANDING
+    assert [status["state"] for status in desk.statuses()] == [MotorState.ERROR]
+
+
+def test_an_error_lasts_until_it_is_acknowledged_and_its_cause_has_gone(desk):
+    desk.controller.has_failed = True
+    desk.tick()
+    desk.stop()
+    desk.tick()
+    assert desk.controller.state is MotorState.ERROR  # the cause is still there
+    desk.controller.has_failed = False
+    desk.command()
+    desk.tick()
+    assert desk.controller.state is MotorState.ERROR  # nobody has acknowledged it
+    desk.stop()
+    desk.command()
+    desk.tick()
+    assert desk.controller.state is MotorState.RUNNING
+
+
+def test_commands_that_never_came_are_counted(desk):
+    for _ in range(3):
+        desk.command()
+        desk.sent += 2
+    desk.stop()
+    desk.tick()
+    assert desk.statuses()[-1]["lost_commands"] == 6
+
+
+def test_on_a_cut_line_nothing_passes_either_way_and_the_watchdog_stops_the_wheels(desk):
+    desk.command()
+    desk.tick()
+    desk.frames()
+    desk.line.break_down(LineFault.CUT)
+    desk.command()
+    desk.tick(12)
+    assert desk.frames() == []
+    assert desk.controller.wheel_speeds_rad_s == STANDING
+    assert state_of(desk.line.transmit_errors, 0) is BusState.PASSIVE
+    desk.line.break_down(LineFault.NONE)
+    desk.tick(10)
+    first = desk.statuses()[0]
+    assert first["bus_state"] == BusState.PASSIVE  # it has been, since the last status
+    assert 110 < first["transmit_errors"] < 128
+    assert desk.controller.state is MotorState.WATCHDOG  # what was sent meanwhile is lost
+
+
+def test_errors_are_forgiven_one_for_each_frame_that_is_sent(desk):
+    desk.line.break_down(LineFault.CUT)
+    desk.tick()
+    desk.line.break_down(LineFault.NONE)
+    desk.tick(60)
+    assert desk.statuses()[-1]["bus_state"] == BusState.ACTIVE
+    desk.tick(80)
+    assert desk.line.transmit_errors == 0
+
+
+def test_a_shorted_line_puts_every_controller_off_the_bus_and_tells_the_host(desk):
+    desk.line.break_down(LineFault.SHORTED)
+    desk.tick(3)
+    assert state_of(desk.line.transmit_errors, 0) is BusState.OFF
+    assert [state_in(frame.arbitration_id, frame.data) for frame in desk.frames()] == [BusState.OFF]
+    desk.line.break_down(LineFault.NONE)
+    (restarted,) = desk.frames()
+    assert state_in(restarted.arbitration_id, restarted.data) is BusState.ACTIVE
+    desk.tick(10)
+    assert desk.statuses()[-1]["transmit_errors"] == 0
