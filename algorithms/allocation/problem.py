@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 from robrain.protocol.model.tasks.objective import Objective as Objective
 from robrain.protocol.reasons import HolderLacksEnergy, PlainReason, plain
 
+LARGEST = 1e25
+"""Upper bound of joules and of seconds; sums and products of them stay finite."""
+
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Work to be done at a place."""
+    """Work to be done at a place. Raises ValueError if its values are invalid."""
 
     id: str
     place: int
@@ -47,6 +50,19 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ready_only: bool = False
     """Whether only robots with `ready_s` 0 may get it."""
 
+    def __post_init__(self) -> None:
+        for name in ("prize_j", "service_s", "service_j", "earliest_s"):
+            if not 0 <= getattr(self, name) <= LARGEST:
+                raise ValueError(f"job {self.id}: expected a finite {name} >= 0, got {getattr(self, name)}")
+        if not self.latest_s >= 0:
+            raise ValueError(f"job {self.id}: expected latest_s >= 0, got {self.latest_s}")
+        if self.robots < 1:
+            raise ValueError(f"job {self.id}: expected robots >= 1, got {self.robots}")
+        if self.pinned_to and self.robots > 1:
+            raise ValueError(
+                f"job {self.id}: expected one robot for a job that {self.pinned_to} is at, got {self.robots}"
+            )
+
     def admits(self, worker: "Worker") -> bool:
         """Whether the worker offers what the job needs and is not excluded."""
         may = worker.name not in self.forbidden_workers and not (self.ready_only and worker.ready_s > 0)
@@ -54,7 +70,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Worker(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot as it will be after its present task."""
+    """A robot as it will be after its present task. Raises ValueError if its values are invalid."""
 
     name: str
     start: int
@@ -75,9 +91,18 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
     reserve_j: float = 0.0
     """Deducted reserve, for explanations only."""
 
+    def __post_init__(self) -> None:
+        if not self.ends:
+            raise ValueError(f"worker {self.name}: expected at least one place to end at")
+        for name in ("ready_s", "wait_w"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise ValueError(f"worker {self.name}: expected a finite {name} >= 0, got {getattr(self, name)}")
+        if not math.isfinite(self.usable_j):
+            raise ValueError(f"worker {self.name}: expected a finite usable_j, got {self.usable_j}")
+
 
 class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
-    """Jobs, workers and paths.
+    """Jobs, workers and paths. Raises ValueError if they are inconsistent.
 
     Args:
         jobs: with unique ids.
@@ -95,6 +120,32 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     time_s: NDArray[np.float64]
     horizon_s: float = math.inf
     length_m: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.energy_j.shape
+        if len(shape) != 3 or shape[1] != shape[2] or self.time_s.shape != shape:
+            raise ValueError(
+                f"expected energy_j and time_s of one shape (profiles, places, places), got {shape}"
+                f" and {self.time_s.shape}"
+            )
+        for matrix, name in ((self.energy_j, "energy_j"), (self.time_s, "time_s")):
+            if not bool((matrix >= 0).all()):
+                raise ValueError(f"expected no {name} below 0 and none that is not a number")
+        if len(self.job_index) != len(self.jobs) or len(self.worker_index) != len(self.workers):
+            raise ValueError("expected each job id and each worker name once")
+        places = range(shape[1])
+        for job in self.jobs:
+            if job.place not in places:
+                raise ValueError(f"job {job.id}: expected a place from 0 to {shape[1] - 1}, got {job.place}")
+            if job.pinned_to and job.pinned_to not in self.worker_index:
+                raise ValueError(f"job {job.id}: expected pinned_to to be a worker, got {job.pinned_to}")
+            if job.pinned_to and self.predecessors(job):
+                raise ValueError(f"job {job.id}: {job.pinned_to} is at it, so nothing may have to come before it")
+        for worker in self.workers:
+            if worker.start not in places or any(end not in places for end in worker.ends):
+                raise ValueError(f"worker {worker.name}: expected start and ends from 0 to {shape[1] - 1}")
+            if worker.profile not in range(shape[0]):
+                raise ValueError(f"worker {worker.name}: expected a profile from 0 to {shape[0] - 1}")
 
     @cached_property
     def job_index(self) -> dict[str, int]:

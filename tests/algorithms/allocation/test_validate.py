@@ -84,6 +84,14 @@ def test_orders_that_wait_for_each_other_make_no_plan():
     assert make_plan(problem, [["b", "a"]], Objective.ENERGY) is None
 
 
+def test_robots_of_a_team_job_start_at_once():
+    problem = line([job("a", 2, robots=2)], [worker("r1"), worker("r2", start=5)])
+    plan = make_plan(problem, [["a"], ["a"]], Objective.ENERGY)
+    assert [route.stops[0].start_s for route in plan.routes] == [3.0, 3.0]
+    assert [route.stops[0].arrive_s for route in plan.routes] == [2.0, 3.0]
+    assert validate(problem, plan) == []
+
+
 def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
     robots = [worker("r1"), worker("r2", start=5)]
     problem = line([job("a", 2, robots=2)], robots)
@@ -93,6 +101,29 @@ def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
     first, second = (make_plan(single, orders, Objective.ENERGY) for orders in ([["a"], []], [[], ["a"]]))
     apart = msgspec.structs.replace(plan, routes=(first.routes[0], second.routes[1]))
     assert validate(problem, apart) == ["the robots of a do not start it at once"]
+
+
+@pytest.mark.parametrize(
+    ("build", "said"),
+    [
+        (lambda: job("a", 1, service_s=-1.0), "service_s"),
+        (lambda: job("a", 1, earliest_s=math.inf), "earliest_s"),
+        (lambda: job("a", 1, robots=0), "robots"),
+        (lambda: job("a", 1, robots=2, pinned_to="r1"), "one robot"),
+        (lambda: Worker(name="r", start=0, ends=(), usable_j=1.0), "at least one place"),
+        (lambda: worker("r", usable_j=math.nan), "usable_j"),
+        (lambda: line([job("a", 6)], []), "place from 0 to 5"),
+        (lambda: line([job("a", 1), job("a", 2)], []), "once"),
+        (lambda: line([], [worker("r", profile=1)]), "profile"),
+        (lambda: line([job("a", 1, pinned_to="r9")], [worker("r1")]), "pinned_to"),
+        (lambda: line([job("a", 1), job("b", 1, after=("a",), pinned_to="r")], [worker("r")]), "nothing may have"),
+        (lambda: Problem(jobs=(), workers=(), energy_j=WAYS, time_s=WAYS), "shape"),
+        (lambda: Problem(jobs=(), workers=(), energy_j=-WAYS[None], time_s=WAYS[None]), "below 0"),
+    ],
+)
+def test_nonsense_is_refused_with_its_field(build, said):
+    with pytest.raises(ValueError, match=said):
+        build()
 
 
 @pytest.mark.parametrize("field", ["arrive_s", "start_s", "end_s", "left_j"])
