@@ -21,7 +21,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.system
 NOW = datetime.now(UTC)
 BRIEF_DAYS = 5 / 86_400
-"""Long enough to connect and ask."""
+"""Long enough to connect."""
 
 
 def _settings(folder: Path, ca: Path) -> dict[str, Any]:
@@ -106,10 +106,12 @@ def _router(team: SecuredTeam) -> Any:
 
 def test_link_is_cut_when_its_certificate_ends_and_is_back_when_it_is_renewed_in_place(team: SecuredTeam) -> None:
     who = member_named("viewer brief")
-    issue(team.pki, who, datetime.now(UTC), days=BRIEF_DAYS)
-    session = open_session(connect=[team.endpoint], identity=read_identity(folder_of(team.pki, who)))
+    issue(team.pki, who, datetime.now(UTC), days=1)
+    with closing(_viewer(team, who)) as session, closing(Endpoint(session, TEAM, LiveClock(), Drive.LIVE)) as wire:
+        until(lambda: _lists(wire), "the router has not read the new member", pause_s=0.05)
+    renew(team.pki, who, datetime.now(UTC), days=BRIEF_DAYS)
+    session = _viewer(team, who)
     wire = Endpoint(session, TEAM, LiveClock(), Drive.LIVE)
-    until(lambda: _lists(wire), "the router has not read the new member", pause_s=0.05)
     until(lambda: not session.info.routers_zid(), "the link is not cut at the end of its certificate", pause_s=0.05)
     with pytest.raises((CallError, NobodyThere)):
         wire.ask(TASK_LIST, timeout_s=0.5)
@@ -118,6 +120,10 @@ def test_link_is_cut_when_its_certificate_ends_and_is_back_when_it_is_renewed_in
     until(lambda: _lists(wire), "nobody answers", pause_s=0.1)
     wire.close()
     session.close()  # type: ignore[no-untyped-call]
+
+
+def _viewer(team: SecuredTeam, who: Any) -> Any:
+    return open_session(connect=[team.endpoint], identity=read_identity(folder_of(team.pki, who)))
 
 
 def _lists(wire: Endpoint) -> bool:
