@@ -55,7 +55,8 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
 class TeamOrder:
     """A halt of all robots, or its end.
 
-    It is sent first of all, and repeated until all robots have confirmed.
+    It is sent first of all. A halt is repeated until all robots have confirmed, for at most `WAIT_S`; then the
+    coordinator's summaries repeat it.
 
     Args:
         transport: to the team.

@@ -369,9 +369,9 @@ class OccupancyGrid:
     ) -> int:
         """Add the evidence of one scan; returns how many cells changed their class.
 
-        `sensor` is the sensor's pose in the arena frame, `angles_rad` (N,) the beams' directions in the sensor's frame,
+        `sensor` is the sensor's pose in the grid's frame, `angles_rad` (N,) the beams' directions from the sensor,
         `ranges_m` (N,) their measurements. A range of `range_max_m` or more, inf included, is a miss; NaN and ranges
-        that are not positive are ignored. `ignore` (K, 3) holds circles x, y, radius in metres of the arena frame. A
+        that are not positive are ignored. `ignore` (K, 3) holds circles x, y, radius in metres of the grid's frame. A
         beam that ends in a circle (a teammate) frees its path there but marks no obstacle.
 
         `drift` are the variances of the sensor's pose (m², rad²), stored with new surfaces.
