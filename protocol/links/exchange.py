@@ -150,6 +150,8 @@ class Exchange:
         self._number = 0
         self._last_ns: dict[tuple[str, str], int] = {}
         """When the last sample from one party to another arrives."""
+        self._has_dropped = False
+        """Whether a party was dropped since the reach was last updated; it may be back before the network notices."""
         self._missed: dict[tuple[str, Party], _Missed] = {}
         """By key and receiver."""
         self._paused: dict[str, list[Callable[[], None]]] = {}
@@ -210,7 +212,7 @@ class Exchange:
         party = self._parties.pop(name, None)
         if party is None:
             return
-        party.is_alive = False
+        party.is_alive, self._has_dropped = False, True
         for at in [at for at, missed in self._missed.items() if party in (at[1], missed.sender)]:
             del self._missed[at]
         for pair in [pair for pair in (*self._reached_ns, *self._returning) if name in pair]:
@@ -518,8 +520,9 @@ class Exchange:
         if network.is_open:
             self._open_ns = now_ns
         parties = [party for name, party in self._parties.items() if name]
-        if not network.update(now_ns, [party.name for party in parties if party.links]):
+        if not (network.update(now_ns, [party.name for party in parties if party.links]) or self._has_dropped):
             return
+        self._has_dropped = False
         for sender in parties:
             for receiver in parties:
                 pair = sender.name, receiver.name

@@ -279,6 +279,15 @@ def test_dead_process_undeclares_what_it_had_without_harm_to_the_next_one(team):
     assert [names["robot"] for names in team.ends["r2"].present(ROBOT_ALIVE)] == ["r1"]
 
 
+def test_process_that_dies_and_is_back_within_one_tick_sees_who_is_there(team, monkeypatch):
+    team.ends["r1"].token(ROBOT_ALIVE, robot="r1")
+    team.go(0.1)
+    monkeypatch.setattr(team.air, "update", lambda now_ns, on: False)  # the parties are the same as before
+    team.exchange.drop("coordinator")
+    back = team.ends["coordinator"] = team.open("coordinator")
+    assert [names["robot"] for names in back.present(ROBOT_ALIVE)] == ["r1"]
+
+
 def test_requests_to_a_process_that_stands_still_wait_until_it_goes_on(team):
     asked = []
     team.ends["r2"].answer(ROBOT_CALL, lambda request: asked.append(request.asked) or b"1", robot="r2")
