@@ -182,8 +182,7 @@ class Exchange:
             ValueError: the network does not know the party.
 
         """
-        network = self._network
-        if network is None:
+        if (network := self._network) is None:
             return self.infrastructure
         party = self._parties.get(name)
         if party is None:
@@ -232,8 +231,7 @@ class Exchange:
 
     def step(self) -> None:
         """Update which parties reach each other, and deliver the messages that have arrived meanwhile."""
-        network = self._network
-        if network is None:
+        if (network := self._network) is None:
             return
         now_ns = self._clock.now_ns()
         self._update_reach(network)
