@@ -185,8 +185,8 @@ class RobotTasks:
         """A behavior wants to move the robot by itself; on any thread.
 
         Args:
-            name: the plugin's.
-            firm: if not empty, why offers are to be refused meanwhile, all but those to recharge.
+            name: the plugin's name.
+            firm: if not empty, the reason to refuse all offers meanwhile, except those to recharge.
 
         Returns:
             Whether it may: no task runs, and no other behavior is at something that is firm. An activity of another
