@@ -281,7 +281,7 @@ class RobotTasks:
         return task.kind in self._executors
 
     def work_of(self, task: Task) -> Work:
-        """Work of a task at its place, by the behavior of its kind; standing, if it gives none."""
+        """Work of a task at its place, from its kind's behavior; if this fails, the work of a stay at the place."""
         try:
             return self._executors[task.kind].work(task)
         except FOREIGN_ERRORS:  # foreign plugin code

@@ -159,7 +159,7 @@ class Roster:
         """Forget a robot that has gone.
 
         Args:
-            name: of the robot.
+            name: the robot's name.
             tasks: that it may still do.
 
         Raises:

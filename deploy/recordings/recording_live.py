@@ -84,7 +84,7 @@ def record_team(
     contain changes only.
 
     Args:
-        wire: of the team.
+        wire: the team's endpoint.
         path: the file.
         split: limits at which it continues in another file.
         rotation: removes the oldest recordings; None keeps all.

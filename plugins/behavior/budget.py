@@ -66,7 +66,7 @@ class Budget:
     """Energy budget of a behavior; made in its `init`, connected in its `activate`.
 
     Args:
-        env: the behavior's.
+        env: the behavior's environment.
         travel: the behavior's, for the map as it is.
 
     """

@@ -127,7 +127,7 @@ class Party:
     """One life of a robot's or the coordinator's process, or the infrastructure.
 
     Args:
-        name: of the party.
+        name: the party's name.
 
     """
 

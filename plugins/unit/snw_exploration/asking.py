@@ -2,7 +2,7 @@
 
 A mote listens for a moment after each packet that it sends, whether or not that packet is received. While it may be
 answering, it is asked again for the readings still missing. Where the link is weak, each request asks for more and is
-repeated. A mote that was not received at its time is asked all the same.
+repeated. A mote whose packet was not received on time is asked nevertheless.
 """
 
 from collections.abc import Callable
