@@ -203,7 +203,7 @@ class Environment:
         for function in self._at_end:
             try:
                 function(reason)
-            except FOREIGN_ERRORS:  # foreign plugin code; the others must be notified all the same
+            except FOREIGN_ERRORS:  # foreign plugin code; the others must still be notified
                 logger.exception("%s: plugin %s failed while it was ended", self.robot, self.plugin)
 
     def end(self, reason: str) -> None:

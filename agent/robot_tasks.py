@@ -185,8 +185,8 @@ class RobotTasks:
         """A behavior wants to move the robot by itself; on any thread.
 
         Args:
-            name: the plugin's.
-            firm: if not empty, why offers are to be refused meanwhile, all but those to recharge.
+            name: the plugin's name.
+            firm: if not empty, the reason to refuse all offers meanwhile, except those to recharge.
 
         Returns:
             Whether it may: no task runs, and no other behavior is at something that is firm. An activity of another
@@ -281,7 +281,7 @@ class RobotTasks:
         return task.kind in self._executors
 
     def work_of(self, task: Task) -> Work:
-        """Work of a task at its place, by the behavior of its kind; standing, if it gives none."""
+        """Work of a task at its place, from its kind's behavior; if this fails, the work of a stay at the place."""
         try:
             return self._executors[task.kind].work(task)
         except FOREIGN_ERRORS:  # foreign plugin code

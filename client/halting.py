@@ -40,7 +40,7 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
 
     Raises:
         CallError: the certificate does not allow it.
-        NobodyThere: the robot is not there; the text lists those that are.
+        NobodyThere: the robot is absent; the text lists the present ones.
 
     """
     query = HOST_HALT if wanted.halted else HOST_RESUME
@@ -55,7 +55,7 @@ def order_robot(wire: Endpoint, robot: str, wanted: Halt) -> HaltReport:
 class TeamOrder:
     """A halt of all robots, or its end.
 
-    It is sent first of all. A halt is repeated until all robots have confirmed, for at most `WAIT_S`; then the
+    The message is sent at once. A halt is repeated until all robots have confirmed, for at most `WAIT_S`; then the
     coordinator's summaries repeat it.
 
     Args:
@@ -82,10 +82,10 @@ class TeamOrder:
         self._coordinators = wire.watch(COORDINATOR_ALIVE)
 
     def report(self) -> HaltReport:
-        """Wait until the robots have confirmed, at most 2 s.
+        """Wait at most 2 s for the robots' confirmations.
 
         Raises:
-            NobodyThere: there is no robot. The halt was sent all the same.
+            NobodyThere: no robot is present. The halt was sent nevertheless.
 
         """
         transport = self._transport

@@ -18,12 +18,12 @@ GATHER_S = 0.5
 """How long to look again for missing members: a token may take this long to reach its hub."""
 ASK_AGAIN_S = 0.1
 WAIT_S = 2.0
-"""How long a first message is waited for, live."""
+"""Time limit for a first message, live."""
 POLL_S = 0.02
 
 
 class TeamFound(msgspec.Struct, frozen=True, kw_only=True):
-    """The members of a team that are present."""
+    """The present members of a team."""
 
     team: str
     coordinator: bool

@@ -23,7 +23,7 @@ MapsOption = Annotated[
 RobotsOption = Annotated[str, typer.Option(help="Numbers of robots, such as 1,4 or 1-4.")]
 SeedsOption = Annotated[str, typer.Option(help="Seeds, such as 1,2 or 1-8.")]
 WheelsOption = Annotated[str, typer.Option(help="exact, slipping (also 1 % off), or both.")]
-JobsOption = Annotated[int, typer.Option(help="Number of parallel runs, each in a process of its own.")]
+JobsOption = Annotated[int, typer.Option(help="Number of parallel runs, each in a separate process.")]
 TimeLimitOption = Annotated[float, typer.Option(help="Simulated seconds after which a run ends.")]
 MapFolderOption = Annotated[
     Path | None, typer.Option(help="Folder of the maps that are not part of the project; default: ../shared/maps.")

@@ -402,8 +402,8 @@ def cancelled(by: str, why: str) -> PlainReason:
 
 
 def holder_out(robot: str) -> PlainReason:
-    """The robot that is at the task cannot be counted on now."""
-    return plain("holder_out", f"{robot} is at it, and is not to be counted on", robot=robot)
+    """The robot that has the task is unavailable now."""
+    return plain("holder_out", f"{robot} has the task but is unavailable", robot=robot)
 
 
 def needed_for(robot: str, task: str) -> PlainReason:

@@ -23,7 +23,7 @@ class OwnedThread:
     """Runs a function on a daemon thread, from now on.
 
     Args:
-        name: of the thread.
+        name: the thread's name.
         function: its error is logged, and kept.
         arguments: of the function.
 

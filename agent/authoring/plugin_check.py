@@ -175,7 +175,7 @@ class PluginFinding(msgspec.Struct, frozen=True):
     """The manifest's key, or the class's function."""
     message: str
     is_warning: bool = False
-    """A robot would load the plugin all the same."""
+    """A robot would load the plugin nevertheless."""
 
     def __str__(self) -> str:
         return f"{self.path}: {self.key}: {'warning: ' if self.is_warning else ''}{self.message}"

@@ -1,6 +1,6 @@
-"""The live drive of one robot: a few threads for all its plugins, and the host's own loop.
+"""The live drive of one robot: a few threads that its plugins share, and the host's loop.
 
-Emergency halts arrive on a thread that is neither; see `robrain.agent.host.robot_halts`.
+Emergency halts arrive on a separate thread; see `robrain.agent.host.robot_halts`.
 """
 
 import math

@@ -264,7 +264,7 @@ class PluginManager:
             try:
                 plugin.apply(Trigger.DEACTIVATE)
             except FOREIGN_ERRORS as error:
-                # Foreign plugin code; the others must be stopped all the same. In a halted robot plugins refuse each
+                # Foreign plugin code; the others must still be stopped. In a halted robot plugins refuse each
                 # other, which is as it should be.
                 if not (isinstance(error, PluginInactive) and self.halted):
                     logger.exception("%s: plugin %s failed while it was stopped", self.robot, plugin.name)
@@ -492,7 +492,7 @@ class PluginManager:
         try:
             plugin.unload()
         except FOREIGN_ERRORS:
-            # Foreign plugin code; it goes all the same.
+            # Foreign plugin code; the plugin goes nevertheless.
             logger.exception("%s: plugin %s failed while it was unloaded", self.robot, plugin.name)
         self.registry.remove(plugin)
 

@@ -48,7 +48,7 @@ class RobotHalts:
 
     Args:
         manager: of the robot's plugins.
-        wire: the host's.
+        wire: the host's endpoint.
         log: the robot's.
         publish_state: publishes the robot's state at once.
 

@@ -29,7 +29,7 @@ class RobotLog:
     """Publishes the robot's log, and keeps its last lines. May be called on any thread.
 
     Args:
-        wire: the host's.
+        wire: the host's endpoint.
         robot: name of the robot.
 
     """

@@ -162,7 +162,7 @@ class ChildEnvironment(Environment):
             return self.wire
         if name.startswith("__"):
             raise AttributeError(name)
-        raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and has no env.{name.lstrip('_')}")
+        raise PluginError(self.plugin, f"{self.plugin} runs in a separate process and has no env.{name.lstrip('_')}")
 
     def use(self, name: str, interface: type[InterfaceT]) -> InterfaceT:
         """See Environment.use."""
@@ -195,8 +195,8 @@ class ChildEnvironment(Environment):
         self.wire.answer(topic, locked, serve=Serve.AT_ONCE, **names)
 
     def do_tasks(self, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
-        """Refused: tasks are given out in the robot's own process."""
-        raise PluginError(self.plugin, f"{self.plugin} runs in a process of its own and cannot do tasks")
+        """Refused: only plugins in the robot's own process can do tasks."""
+        raise PluginError(self.plugin, f"{self.plugin} runs in a separate process and cannot do tasks")
 
     @property
     def caller(self) -> str:
@@ -220,8 +220,8 @@ class ChildEnvironment(Environment):
         if not self.connect:
             raise PluginError(
                 self.plugin,
-                f"{self.plugin} runs in a process of its own and finds no way to the wire: "
-                "its robot is not told of an endpoint to connect to ([zenoh] connect)",
+                f"{self.plugin} runs in a separate process and cannot reach the wire: "
+                "its robot has no endpoint to connect to ([zenoh] connect)",
             )
         self._session = open_session(mode="client", connect=self.connect)
         return Endpoint(self._session, self._team, self.clock, Drive.LIVE)

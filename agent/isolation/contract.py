@@ -80,7 +80,7 @@ def _to_plain(value: Any) -> Any:
         if isinstance(value, np.generic):
             return value.item()
     raise TypeError(
-        f"{type(value).__name__} is not plain data: what passes between a plugin in a process of its own and the "
+        f"{type(value).__name__} is not plain data: values between a plugin in a separate process and the "
         "others must be numbers, text, lists, dicts, structs, dataclasses or numpy arrays"
     )
 

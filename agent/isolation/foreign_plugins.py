@@ -42,12 +42,12 @@ REFRESH_NS = to_ns(10.0)
 
 
 class ForeignPlugins:
-    """Follows the foreign plugins of one robot, and calls them, in the live drive.
+    """Tracks and calls the foreign plugins of one robot, in the live drive.
 
     Args:
-        wire: the host's; closing it ends this.
-        robot: its name.
-        is_halted: whether the robot is; no plugin is called then.
+        wire: the host's endpoint; closing it also stops the tracking.
+        robot: the robot's name.
+        is_halted: whether the robot is halted; no plugin is called then.
 
     """
 
@@ -61,7 +61,7 @@ class ForeignPlugins:
         self._infos: dict[str, PluginInfo] = {}  # replaced, never changed: other threads read it
 
     def follow(self) -> list[str]:
-        """Check which plugins have come and gone; called by the host in its step. The names of those that have come."""
+        """Check which plugins have appeared or gone; the host calls this in its step. Returns the new names."""
         came: list[str] = []
         now_ns = self._wire.clock.now_ns()
         infos = dict(self._infos)

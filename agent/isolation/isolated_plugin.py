@@ -320,7 +320,7 @@ def isolated_class(plugin_class: type[Plugin], manifest: Manifest) -> type[Plugi
         contract = contract_of(plugin_class)
     except Exception as error:  # hints are foreign code: get_type_hints and msgspec may not understand them
         raise PluginError(
-            manifest.name, f"{plugin_class.__name__} cannot run in a process of its own: {error}"
+            manifest.name, f"{plugin_class.__name__} cannot run in a separate process: {error}"
         ) from error
     members = {name: inspect.getattr_static(plugin_class, name) for name in dir(plugin_class)}
     offered: dict[str, Any] = {name: _attribute(name) for name in contract.attributes}
@@ -407,10 +407,10 @@ class ParentServer:
     """Answers one process, with the environment and the rights of its plugin.
 
     Args:
-        env: the plugin's.
-        plugin: stands for it here, and has its events.
-        contract: its functions.
-        own_module: where its class is declared.
+        env: the plugin's environment.
+        plugin: represents the plugin here, and has its events.
+        contract: the plugin's functions.
+        own_module: the module that declares the plugin's class.
         receive: receives a subscription's number and the value of an event that has happened.
 
     """

@@ -58,8 +58,8 @@ class ManagedPlugin:
     """Manages one plugin: its lifecycle, its step, and access to it.
 
     Args:
-        manifest: the plugin's.
-        context: its robot.
+        manifest: the plugin's manifest.
+        context: the robot.
 
     """
 

@@ -26,7 +26,7 @@ class WorkerPool:
     """Makes calls on threads that are there already: to start one takes time while a plugin keeps Python busy.
 
     Args:
-        name: of the threads.
+        name: the threads' name.
         limit_s: time limit of a call, unless another is given; one that takes longer continues by itself.
         idle_s: a thread that has been idle for this long ends; None keeps all.
 

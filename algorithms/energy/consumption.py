@@ -205,20 +205,20 @@ class MotionTerms:
 
 
 class Drawn(NamedTuple):
-    """Energy drawn from the battery since some beginning."""
+    """Energy drawn from the battery since an arbitrary start."""
 
     stamp_ns: int
     energy_j: float
     trusted: bool
-    """The measurement is believed, and nothing is being charged."""
+    """The measurement is reliable, and the battery is not being charged."""
 
 
 class Consumption:
-    """Learns, and makes the model.
+    """Learns the energy model from measurements.
 
     Args:
         prior: values assumed before anything is measured.
-        packet_j: for one packet by radio.
+        packet_j: energy of one radio packet.
         relative_sd: of the cost of a path, before any has been driven.
 
     """

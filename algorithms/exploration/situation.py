@@ -63,7 +63,7 @@ class Busy(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A robot and the frontier that it gets."""
+    """A robot and its assigned frontier."""
 
     robot: str
     place: Point2D

@@ -184,10 +184,10 @@ class Localiser:
     """Estimates a robot's pose in the arena frame, and reports when it cannot.
 
     Args:
-        start: where the robot is believed to begin.
-        sigma_m: standard deviation of that place in x and in y.
-        sigma_rad: standard deviation of that yaw.
-        spec: its sensors.
+        start: assumed start pose of the robot.
+        sigma_m: standard deviation of its x and of its y.
+        sigma_rad: standard deviation of its yaw.
+        spec: the robot's sensors.
 
     """
 

@@ -70,7 +70,7 @@ SPREAD_RAD_S = 0.05
 STILL_RAD_S = 0.02
 """Slower turning while the wheels stand counts as a change of the bias; a person who turns the robot is faster."""
 BIAS_MAX_RAD_S = 0.2
-"""Largest bias that is believed."""
+"""Largest plausible bias."""
 ELSEWHERE_WINDOWS = 10
 """Number of consecutive windows with another steady value that mean another bias, not a turn."""
 WINDOWS_MAX = 60

@@ -169,9 +169,9 @@ def hold_off(
 
 @_either
 def sector_distances_m(points_m: Any, x_m: float, y_m: float, yaw_rad: float, sectors: int) -> list[float]:
-    """Distance (`sectors`,) from a place to the nearest point in each of these sectors; inf where there is none.
+    """Distance (`sectors`,) from a place to the nearest point in each sector; inf for a sector without points.
 
-    The points, x, y and the yaw are in one frame. Sector 0 is centred on the yaw, the others follow counter-clockwise.
+    Points, place and yaw are in the same frame. Sector 0 is centred on the yaw; the others follow counter-clockwise.
     """
     xs_m, ys_m = points_m[0], points_m[1]
     nearest_m = [math.inf] * sectors

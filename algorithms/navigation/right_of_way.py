@@ -52,16 +52,16 @@ class Track(msgspec.Struct, frozen=True, eq=False):
 
 
 class Release(NamedTuple):
-    """How far a robot may drive along its path."""
+    """The released part of a robot's path."""
 
     positions: int
-    """Number of released positions from the first one; 1 means to stand."""
+    """Number of released positions, counted from the first; with 1 the robot stands still."""
     is_whole: bool
     """All checked positions are released."""
     must_leave: bool
     """The robot stands where a robot with priority has yet to pass."""
     by: int
-    """The teammate for which it ends there, as an index; −1 for none."""
+    """Index of the teammate that limits the released part; −1 if there is none."""
 
 
 class Margins(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,7 +1,7 @@
-"""Arrays for compiled kernels: one type for each argument, for any input.
+"""Arrays for compiled kernels: each argument has one array type, whatever the input.
 
 numba compiles a kernel once for each combination of types. An array that is read-only or not contiguous has a separate
-type. A suitable array is passed on unchanged, in a tenth of the time that `numpy.require` takes for this check.
+type. A suitable array is returned unchanged. This check takes a tenth of the time of `numpy.require`.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 def kernel_array(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """The array itself if it is of this type, contiguous by rows, aligned and writable; otherwise such a copy."""
+    """The array itself if it has this type and is C-contiguous, aligned and writable; otherwise a copy that is."""
     if array.dtype == dtype and array.flags.carray:
         return array
     return np.require(array, dtype, ("C", "A", "W"))

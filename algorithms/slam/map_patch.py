@@ -348,5 +348,5 @@ def _statements_of(patch: MapPatch, team: GridGeometry) -> tuple[NDArray[np.int8
         return cells, patch.observed_ms
     stamps_ms = tiles_of(patch)
     if stamps_ms.min() < 0 or stamps_ms.max() > patch.observed_ms:
-        raise ValueError(f"{patch.robot}: expected times of tiles from 0 to {patch.observed_ms} ms")
+        raise ValueError(f"{patch.robot}: expected tile times from 0 to {patch.observed_ms} ms")
     return cells, stamps_ms

@@ -240,7 +240,7 @@ class SubmapGraph:
         return key is not None and key[0] == self._robot and key[1] in numbers
 
     def _placed(self, node: OwnSubmap, covariance: Floats, *, may_be_false: bool = True) -> _Link:
-        """A node lies where it is believed to, give or take this."""
+        """A link that holds a node at its estimated pose, with this covariance."""
         at, turned = Pose2D(node.pose.x_m, node.pose.y_m, 0.0), Pose2D(0.0, 0.0, -node.pose.yaw_rad)
         return _Link(node.number, turned, None, at, inverse(covariance), may_be_false)
 

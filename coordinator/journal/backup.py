@@ -271,10 +271,9 @@ def _check_room(journal: Path, folder: Path) -> None:
     size_bytes = sum(path.stat().st_size for path in beside if path.exists())
     free_bytes = shutil.disk_usage(folder).free
     if free_bytes < (1 + ROOM) * size_bytes:
-        text = (
-            f"no backup is made: the disk has {free_bytes / 1e6:.0f} MB free, and the journal is {size_bytes / 1e6:.0f}"
-        )
-        raise JournalError(folder, f"{text} MB large; make room, or remove old backups")
+        text = f"no backup is made: the disk has {free_bytes / 1e6:.0f} MB free, and the journal has"
+        text = f"{text} {size_bytes / 1e6:.0f} MB; free some space or remove old backups"
+        raise JournalError(folder, text)
 
 
 def _put_on_disk(path: Path) -> None:

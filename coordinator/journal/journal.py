@@ -370,13 +370,13 @@ class Journal:
 
     @property
     def copied(self) -> str:
-        """`partial` or `whole` if this is a copy of another coordinator's journal; empty if it is none."""
+        """`partial` or `whole` if this is a copy of another coordinator's journal; empty if it is not a copy."""
         return str(self._db.execute("SELECT state FROM copy").fetchone()[0])
 
     def own(self) -> None:
-        """From now on this is no copy any more (JournalError if it is not whole, JournalUnwritable)."""
+        """Turn this copy into an ordinary journal (JournalError if it is incomplete, JournalUnwritable)."""
         if self.copied == "partial":
-            raise JournalError(self.path, "is a copy that is not whole: no coordinator can go on from it")
+            raise JournalError(self.path, "is an incomplete copy: no coordinator can continue from it")
         if self.copied:
             with self._transaction(durable=True):
                 self._db.execute("UPDATE copy SET state = ''")

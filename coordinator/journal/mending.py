@@ -1,8 +1,8 @@
-"""Reads journal records of older versions, and those with values that are out of range by now.
+"""Reads journal records of older versions, and records with values that are now out of range.
 
 Invalid fields get their defaults.
 
-A reason with an unknown code, from a newer robrain, is dropped: its words are there all the same.
+A reason with an unknown code, from a newer robrain, is dropped; its text remains.
 """
 
 import re

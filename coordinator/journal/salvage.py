@@ -55,8 +55,8 @@ def _folder_for(path: Path, needed_bytes: int) -> Path:
     for folder in folders:
         if shutil.disk_usage(folder).free >= needed_bytes + LEFT_BYTES:
             return folder
-    text = f"a copy to look at takes {needed_bytes / 1e6:.0f} MB, and there is no room for it in "
-    raise JournalError(path, text + f"{' or '.join(map(str, folders))}; make room, or set TMPDIR")
+    text = f"a copy to read needs {needed_bytes / 1e6:.0f} MB, and there is no space for it in "
+    raise JournalError(path, text + f"{' or '.join(map(str, folders))}; free some space or set TMPDIR")
 
 
 class Salvaged(NamedTuple):

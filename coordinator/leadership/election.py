@@ -219,7 +219,7 @@ class Election:
         return self._poll is not None
 
     def force(self) -> list[str]:
-        """The operator confirms that no other journal has more, and that silent witnesses do nothing.
+        """Record that the operator confirms: no other journal has more changes, and silent witnesses are inactive.
 
         Returns:
             The silent witnesses, which do not count until they answer again.
@@ -233,11 +233,11 @@ class Election:
         return sorted(set(self.witnesses) - set(self.voters))
 
     def withdraw_force(self) -> None:
-        """The operator's word was for a team without a coordinator, and there is one."""
+        """End the operator's confirmation, because the team has a coordinator again."""
         self.is_forced, self.voters = False, self.witnesses
 
     def record(self, election: int) -> None:
-        """An election of this number was held."""
+        """Record that an election with this number was held."""
         self._greatest = max(self._greatest, election)
 
     def rest(self) -> None:

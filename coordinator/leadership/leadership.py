@@ -123,7 +123,7 @@ class JournalFeed:
         is_of_here = report.term == self._term and report.on_disk <= self._last
         self._on_disk = report.on_disk if is_of_here else 0
         if report.trouble or not is_of_here:
-            self._leave(report.trouble or "it has no whole copy")
+            self._leave(report.trouble or "its copy is incomplete")
         elif self._joins_at is None and now_ns >= self._pause_ns:
             self._joins_at = self._last
         if not self.stand_by and self._joins_at is not None and self._on_disk >= self._joins_at:

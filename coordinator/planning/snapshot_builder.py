@@ -87,7 +87,7 @@ class SnapshotBuilder:
         return members
 
     def absent(self) -> dict[str, PlanningRobot]:
-        """All robots whose place is known, as they were last received, whether plans can use them or not."""
+        """All robots with a known place, in their last received state, including those that plans cannot use."""
         states = {name: robot.state for name, robot in self._roster.robots.items()}
         return {
             name: self._member(name, one) for name, one in states.items() if one is not None and one.pose is not None

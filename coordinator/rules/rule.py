@@ -116,7 +116,7 @@ class Area(Checked, frozen=True, forbid_unknown_fields=True):
             raise ValueError("expected x_min_m below x_max_m and y_min_m below y_max_m")
 
     def holds(self, place: Point2D | None) -> bool:
-        """Whether a place is in it; an unknown one is not."""
+        """Whether a place is in the area; False for an unknown place."""
         return (
             place is not None
             and self.x_min_m <= place.x_m <= self.x_max_m
@@ -125,9 +125,9 @@ class Area(Checked, frozen=True, forbid_unknown_fields=True):
 
 
 class ReadingCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[rules.reading]`: conditions on readings. One of `above`, `below`, `rising_per_min` and `falling_per_min`.
+    """`[rules.reading]`: a condition on readings, with one of `above`, `below`, `rising_per_min` or `falling_per_min`.
 
-    Readings are judged by the time of their measurement, in any order of arrival.
+    Readings may arrive in any order; the time of measurement counts.
     """
 
     quantity: Name
@@ -141,7 +141,7 @@ class ReadingCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields
     falling_per_min: float | None = None
     """The value falls by more than this per minute."""
     for_s: Duration = 0.0
-    """How long all readings of a mote must have been so; with 0 one reading is enough."""
+    """How long all readings of a mote must have met the condition; with 0 one reading is enough."""
     over_s: PositiveDuration = 60.0
     """Time over which a rate is measured: at least three readings, from at least half of that time."""
     clear_at: float | None = None

@@ -51,7 +51,7 @@ class TaskBook:
     Methods that change a task raise JournalUnwritable, and leave the task as it was, if the journal cannot be written.
 
     Args:
-        clock: of the run.
+        clock: the run's clock.
         first_epoch: epochs are greater than this; the journal may require still greater ones.
         publish: called with each change, once it is in the journal.
         journal: the book's journal, from which it continues; None for an empty one in memory.

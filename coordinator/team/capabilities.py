@@ -48,7 +48,7 @@ class Capabilities:
         self._waiting: set[str] = set()
 
     def follow(self, robots: Iterable[Robot], now_ns: int) -> bool:
-        """Handle the answers, and ask these robots, which are present, if it is time; True if there is a change."""
+        """Handle answers, and query those of the present `robots` that are due; True if anything has changed."""
         has_changed = False
         self._waiting = {name for name in self._waiting if now_ns - self._asked_ns.get(name, 0) <= ASK_UNHEARD_NS}
         due: list[tuple[int, str, int]] = []

@@ -73,7 +73,7 @@ class Robot:
         return 0 if self.state is None else self.state.changes_received or 0
 
     def is_in_contact(self, now_ns: int) -> bool:
-        """Whether it is up, and has not just reported that it receives no coordinator."""
+        """Whether the robot is up and has not recently reported that it receives no coordinator."""
         is_alone = self.alone_ns is not None and now_ns - self.alone_ns <= _LOST_AFTER_NS
         return not is_alone and self.is_up(now_ns)
 
@@ -83,11 +83,11 @@ class Robot:
         return float("inf") if received_ns is None else to_seconds(now_ns - received_ns)
 
     def is_up(self, now_ns: int) -> bool:
-        """Whether it can be counted on."""
+        """Whether the robot is present and its last state is recent."""
         return self.has_token and self.received_ns is not None and now_ns - self.received_ns <= _LOST_AFTER_NS
 
     def down_reason(self, now_ns: int) -> Unavailable | None:
-        """Why it cannot be counted on; None if it can."""
+        """The reason why the robot is not up; None if it is."""
         if self.is_up(now_ns):
             return None
         if self.received_ns is None and (self.has_token or self.before is None):
@@ -159,7 +159,7 @@ class Roster:
         """Forget a robot that has gone.
 
         Args:
-            name: of the robot.
+            name: the robot's name.
             tasks: that it may still do.
 
         Raises:
@@ -216,7 +216,7 @@ class Roster:
         self._up_at_ns = None
 
     def up(self, now_ns: int) -> list[Robot]:
-        """The robots that can be counted on, by name; not to be changed."""
+        """The robots that are up, sorted by name; do not modify the list."""
         if self._up_at_ns != now_ns:
             since_ns = now_ns - _LOST_AFTER_NS
             self._up = [

@@ -132,9 +132,9 @@ def planned_entries(view: ShownTeam, robot: ShownRobot, now_ns: int) -> list[Pla
             continue
         start_ns, title = estimates.stamp_ns + to_ns(estimate.starts_in_s), f"{event.task.kind} {task}"
         if event.state is TaskState.RUNNING:
-            found.append(PlannedEntry(now_ns, end_ns, f"{title}: the rest of it", "held"))
+            found.append(PlannedEntry(now_ns, end_ns, f"{title}: still to do", "held"))
         elif next_task is not None and next_task.id == task:
-            found.append(PlannedEntry(start_ns, end_ns, f"{title}: held ready", "held"))
+            found.append(PlannedEntry(start_ns, end_ns, f"{title}: next at the robot", "held"))
         else:
             found.append(PlannedEntry(start_ns, end_ns, f"{title}: planned", "planned"))
     found += [

@@ -277,7 +277,7 @@ class ShownTeam:
 
     @property
     def speed(self) -> float | None:
-        """Seconds of the arena per second of wall time; None without an arena."""
+        """Simulated seconds per second of wall time; None without an arena."""
         return self._speed.per_s
 
     @property

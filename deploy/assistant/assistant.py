@@ -151,7 +151,7 @@ def halt(team: Team, asked: HaltRobots) -> ToolAnswer:
     """
     try:
         report = team.halt(asked.robot or None, reason=asked.reason)
-    except NobodyThere as error:  # a halt of the team was sent all the same
+    except NobodyThere as error:  # a halt of the team was sent nevertheless
         return answer(CallVerdict.FAILED, [str(error)])
     lines = [f"{name}: halted" for name in report.confirmed]
     lines += [f"{name}: NOT halted: {reason}" for name, reason in report.unconfirmed.items()]
@@ -246,7 +246,7 @@ class Confirmations:
 
 A = TypeVar("A", bound=Arguments)
 NOT_SURE = frozenset((ErrorCode.TIMEOUT, ErrorCode.FAILED, ErrorCode.UNLOADED))
-"""Errors after which an order may have been carried out all the same."""
+"""Errors after which an order may nevertheless have been carried out."""
 
 
 class Tool(NamedTuple, Generic[A]):
@@ -372,7 +372,7 @@ class Assistant:
     def _rehearsed(self, found: Rehearsal, client: str, order: bytes) -> ToolAnswer:
         token = self._confirmations.keep(client, order, found)
         lines = [
-            f"nothing has been done yet; to have it done, repeat the call within {LIFE_S:.0f} s, and add",
+            f"nothing has been done yet; to execute the order, repeat the call within {LIFE_S:.0f} s, and add",
             f"confirm={token}",
             "this would happen:",
             *found.words,

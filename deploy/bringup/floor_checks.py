@@ -70,7 +70,7 @@ class Moved(NamedTuple):
 
 
 def scan_around(bench: Bench) -> tuple[PosedScan, Record]:
-    """Stand for a while, and return the lidar's measurements."""
+    """Record lidar scans while the robot stands still; return the static points at its pose, and the record."""
     record = bench.perform(Rest(STILL_S))
     scans = [(scan.angles_rad, scan.ranges_m) for scan in record.scans]
     points = still_points(scans, record.scans[-1].range_max_m) if scans else np.empty((0, 2))
@@ -78,7 +78,7 @@ def scan_around(bench: Bench) -> tuple[PosedScan, Record]:
 
 
 def seen_motion(before: PosedScan, scans: Sequence[LaserScan], after: PosedScan) -> tuple[Pose2D, float]:
-    """How the lidar moved, by the scans on the way: T_before_after and the yaw, not wrapped (NoSight)."""
+    """Motion of the lidar between two places, from its scans: T_before_after and the yaw, not wrapped (NoSight)."""
     seen = followed(before.points, map(points_of, scans), after.points)
     if seen is None:
         raise NoSight

@@ -60,7 +60,7 @@ def new_table(*headings: str, right: Collection[str] = (), title: str | None = N
 
 
 def both_at_a_terminal() -> bool:
-    """Whether stdout shares the terminal with stderr; if not, it may go to a pipe or file."""
+    """Whether stdout, like stderr, goes to a terminal rather than to a pipe or file."""
     return sys.stdout.isatty()
 
 

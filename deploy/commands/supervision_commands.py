@@ -95,7 +95,7 @@ def up(
             "--team": None if team == DEFAULT_TEAM else team,
         }  # fmt: skip
         if wrong := [option for option, value in given.items() if value is not None]:
-            raise UsageError(f"{', '.join(wrong)}: the team file {scenario} says that, not the command line")
+            raise UsageError(f"{', '.join(wrong)}: not allowed here, because the team file {scenario} sets this")
         plan = plan_of_host(Path(scenario), host)
     else:
         from robrain.deploy.command_line.options import new_recording

@@ -299,14 +299,14 @@ def _check_interface(channel: str, plugins: list[str], network: Path) -> Check:
     except (OSError, ValueError):
         return wrong(
             CheckName.CAN,
-            f"there is no CAN interface {channel}, which {users} needs",
+            f"there is no CAN interface {channel} (needed by {users})",
             f"plug in the adapter and load its driver (`ip link show type can`), or name another channel in "
             f"[parameters.{plugins[0]}]",
         )
     if not flags & IFF_UP:
         return wrong(
             CheckName.CAN,
-            f"the CAN interface {channel}, which {users} needs, is down",
+            f"the CAN interface {channel} (needed by {users}) is down",
             f"ip link set {channel} up type can bitrate 500000",
         )
     return good(CheckName.CAN, f"the CAN interface {channel} of {users} is up")
@@ -527,7 +527,7 @@ def doctor_command(
     """
     if file is not None and is_team_file(file):
         if connect is not None or team is not None:
-            raise UsageError(f"--connect, --team: the team file {file} says that, not the command line")
+            raise UsageError(f"--connect, --team: not allowed here, because the team file {file} sets them")
         checks = examine_host(file, host)
     elif host is not None:
         raise UsageError(f"--host {host}: expected a team file with [[hosts]]")

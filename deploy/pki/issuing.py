@@ -239,7 +239,7 @@ def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: S
 
     """
     if hosts and wanted.role is not MemberRole.ROUTER:
-        raise PkiError(f"--host {hosts[0]}: only routers are connected to, and {wanted} is none")
+        raise PkiError(f"--host {hosts[0]}: only for routers, got {wanted}")
     for host in hosts:
         if not _is_host(host):
             raise PkiError(f"--host {host}: expected the name or address of one machine, such as 10.0.0.5 or hall.lan")

@@ -36,7 +36,7 @@ def split_of(split_mb: float | None, split_s: float | None) -> SplitAt:
 
 
 def keep_of(keep_gb: float | None, keep_days: float | None) -> KeepFiles | None:
-    """Read the options for rotation; None without any (UsageError if they are not above 0)."""
+    """The limits of the kept files from the two options; None without both (UsageError if one is not above 0)."""
     above_zero("--keep-gb", keep_gb)
     above_zero("--keep-days", keep_days)
     if keep_gb is None and keep_days is None:
@@ -60,8 +60,8 @@ def split_for(split: SplitAt, keep: KeepFiles) -> SplitAt:
             size_bytes=None if size is None else max(size // PARTS, 1), duration_s=min(age_s or HOUR_S, HOUR_S)
         )
     if size is not None and (split.size_bytes is None or 2 * split.size_bytes > size):
-        wanted = "give --split-mb as well" if split.size_bytes is None else "give a smaller one"
-        raise UsageError(f"--split-mb with --keep-gb {size / 1e9:g}: {wanted}, at most half of it")
+        wanted = "expected --split-mb" if split.size_bytes is None else "expected a smaller --split-mb"
+        raise UsageError(f"--keep-gb {size / 1e9:g}: {wanted}, at most half of this size")
     if age_s is not None and split.duration_s is not None and 2 * split.duration_s > age_s:
         raise UsageError(f"--split-s {split.duration_s:g}: expected at most half of --keep-days")
     return split
@@ -84,7 +84,7 @@ def record_team(
     contain changes only.
 
     Args:
-        wire: of the team.
+        wire: the team's endpoint.
         path: the file.
         split: limits at which it continues in another file.
         rotation: removes the oldest recordings; None keeps all.

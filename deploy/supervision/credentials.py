@@ -61,7 +61,7 @@ class Credentials:
 
         """
         if (self.pki / MEMBERS_FILE).is_file() and (team := read_members(self.pki / MEMBERS_FILE).team) != self.team:
-            raise PkiError(f"{self.pki}: expected certificates of team {self.team}, got those of {team}: --team {team}")
+            raise PkiError(f"{self.pki}: the certificates are of team {team}, not {self.team}; give --team {team}")
         has_none = not (self.pki / MEMBERS_FILE).exists() and not self.pki.joinpath(MEMBERS_FOLDER).is_dir()
         if has_none and HUB in parts:  # elsewhere a CA would be another one than the router's
             init(self.pki, self.team, now)

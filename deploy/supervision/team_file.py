@@ -185,8 +185,8 @@ def read_team_file(path: Path) -> TeamFile:
     files = {"team.planning": found.team.planning, "team.rules": found.team.rules}
     for key, file in files.items():
         if file and not (path.parent / file).is_file():
-            raise UsageError(f"{path}: {key}: expected a file, {path.parent / file} is none")
+            raise UsageError(f"{path}: {key}: expected a file, found none at {path.parent / file}")
     for robot, file in found.robots.items():
         if not (path.parent / file).is_file():
-            raise UsageError(f"{path}: robots.{robot}: expected a file, {path.parent / file} is none")
+            raise UsageError(f"{path}: robots.{robot}: expected a file, found none at {path.parent / file}")
     return found

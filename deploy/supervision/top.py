@@ -71,7 +71,7 @@ class Top:
     """Status of a team's processes.
 
     Args:
-        wire: of the team.
+        wire: the team's endpoint.
 
     """
 

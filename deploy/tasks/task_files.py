@@ -129,6 +129,6 @@ def estimate_text(estimate: TaskEstimate) -> str:
     """When a task is expected to end, and at what cost."""
     interval = f"90 %: {estimate.ends_low_s:.0f} to {estimate.ends_high_s:.0f} s"
     return (
-        f"{estimate.robot} arrives in {estimate.arrives_in_s:.0f} s and ends it in {estimate.ends_in_s:.0f} s"
+        f"{estimate.robot} arrives in {estimate.arrives_in_s:.0f} s and finishes in {estimate.ends_in_s:.0f} s"
         f" ({interval}), {estimate.energy_j:.0f} J{'; that is after its deadline' if estimate.is_late else ''}"
     )

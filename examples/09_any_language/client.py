@@ -58,7 +58,7 @@ def drive(wire, states, robot):
         return 0.0
 
     until(lambda: came_m() > 0.2, f"{robot} has other things to do")
-    print(f"{robot} wanders: {math.dist(route[0], route[-1]):.1f} m from where it began")
+    print(f"{robot} wanders: {math.dist(route[0], route[-1]):.1f} m from its start")
 
 
 def do_task(wire):

@@ -198,7 +198,7 @@ def choose(
 
 
 def run_bench(plan: BenchPlan[EstimatesCase], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each, and the figures at the end."""
+    """Execute all runs; print a line for each, and the figures at the end."""
     run_all("estimates", plan, run_case, _report, figures, json_file, width=WIDTH)
 
 

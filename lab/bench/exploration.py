@@ -290,7 +290,7 @@ def choose(
 
 
 def run_bench(plan: BenchPlan[ExplorationCase], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each group of seeds, and the figures at the end."""
+    """Execute all runs; print a line for each group of seeds, and the figures at the end."""
 
     def report(runs: list[ExplorationRun]) -> None:
         run = runs[-1]

@@ -86,7 +86,7 @@ class MappedRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def run_bench(plan: BenchPlan[Case], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each, and the figures at the end."""
+    """Execute all runs; print a line for each, and the figures at the end."""
     print_line(HEADINGS)
     run_all("mapping", plan, run_case, _report, figures, json_file)
 

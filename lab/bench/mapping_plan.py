@@ -139,7 +139,7 @@ def choose_maps(maps: str | None, map_folder: Path | None) -> tuple[dict[str, st
 
     """
     if map_folder is not None and not map_folder.is_dir():
-        raise UsageError(f"--map-folder {map_folder}: expected a folder of map_server files, there is none")
+        raise UsageError(f"--map-folder {map_folder}: expected an existing folder of map_server files")
     known, absent = _known_maps(map_folder or SHARED_MAPS)
     names = (
         [name for name, path in known.items() if path or name in BUILT_IN] if maps is None else _words("--maps", maps)
@@ -174,7 +174,7 @@ def run_all(
     table: Callable[[list[Made]], Table] | None = None,
     width: int = WIDTH,
 ) -> None:
-    """Make all runs of a benchmark, and print its table and figures at the end.
+    """Execute all runs of a benchmark, and print its table and figures at the end.
 
     Args:
         bench: its name.

@@ -183,7 +183,7 @@ def choose(
 
 
 def run_bench(plan: BenchPlan[MoteCase], json_file: Path | None = None) -> None:
-    """Make all runs; prints a line for each method of running the field, and table and figures at the end."""
+    """Execute all runs; print a line for each way to run the field, and the table and figures at the end."""
 
     def report(runs: list[MoteFieldRun]) -> None:
         method = runs[-1].case.method

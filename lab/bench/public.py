@@ -163,7 +163,7 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
         raise ValueError("EDGE_WEIGHT_TYPE: expected distances, got none")
     depots = np.atleast_1d(found.get("depot", np.array([0])))
     if len(depots) != 1 or int(depots[0]) != 0:
-        raise ValueError(f"DEPOT_SECTION: expected one depot, node 1, got {[int(node) + 1 for node in depots]}")
+        raise ValueError(f"DEPOT_SECTION: expected node 1 as the only depot, got {[int(node) + 1 for node in depots]}")
     for key in ("backhaul", "vehicles_depot", "vehicles_allowed_clients", "release_time"):
         if key in found:
             raise ValueError(f"{key.upper()}_SECTION: not supported by the allocators' model")

@@ -89,7 +89,7 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             if fault.robot not in (*names, COORDINATOR):
                 raise ValueError(f"expected one of {', '.join(names)} or {COORDINATOR}, got robot = {fault.robot!r}")
             if fault.kind in HARDWARE and not self.scenario:
-                raise ValueError(f"expected no fault of hardware, got {fault.kind}: robots are points")
+                raise ValueError(f"expected no hardware fault, got {fault.kind}: robots are points")
             if fault.kind is FaultKind.KILL and fault.robot == COORDINATOR and fault.until_s is None:
                 raise ValueError("expected until_s for kill of the coordinator: nobody else would do the tasks")
 

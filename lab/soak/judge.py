@@ -26,18 +26,18 @@ from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind
 
 OVERLAP_S = 1.0
-"""Two robots may be at one task for this long, beside the delays of slow robots and late messages."""
+"""Two robots may have the same task for this long, plus the delays of slow robots and late messages."""
 STRAY_S = LEASE_S + 2.0
-"""A robot is off a task this long after its end, wherever it is."""
+"""A robot has stopped work on a task this long after its end, wherever the robot is."""
 HALT_S = 2.0
-"""A robot stands this long after it could have received a halt."""
+"""A robot stands still this long after it could have received a halt."""
 RECEIVED_S = 1.5
 """Two components that have been linked and awake for this long have received each other's messages."""
 HEALTHY_S = 60.0
 """A robot whose battery is empty must have been unable to charge within this time."""
 PATIENCE_S = 120.0
 TASK_S = 40.0
-"""Time for everything to settle after the last fault: so long, and so much for each task of a robot that is left."""
+"""Time to settle after the last fault: `PATIENCE_S`, plus `TASK_S` for each task, with half of the robots at work."""
 QUIET_S = STRAY_S + 1.0
 AS_RECORDED = (TaskAtOne, TaskOnce)
 """Judged here as by `robrain check`. Tasks kept and halts are not judged so. On a full disk tasks wait for longer than
@@ -49,25 +49,25 @@ class TeamRule(StrEnum):
     """Invariants of a trial."""
 
     LOST = "lost"
-    """An acknowledged task ends as asked: done, or cancelled or too late if that was asked."""
+    """An acknowledged task ends as requested: done, cancelled on request, or past its deadline."""
     CHANGED = "changed"
     """A task is carried out as it was submitted: place, priority, deadline, dependencies."""
     TWO_AT_ONCE = "two_at_once"
-    """No task is at two robots beyond the lease."""
+    """No two robots have the same task for longer than the lease."""
     DONE_TWICE = "done_twice"
     """No task ends twice, is done twice by one agent, or is worked on after its end."""
     NOT_DONE = "not_done"
-    """Each task that counts as done was done."""
+    """Each task that is reported as done was done."""
     TOO_EARLY = "too_early"
-    """No task is begun before those that it waits for are done, or done before its earliest time."""
+    """No task begins before its predecessors are done, or is done before its earliest time."""
     HALT = "halt"
-    """Robots that could have received a halt stand."""
+    """Robots that could have received a halt stand still."""
     STRANDED = "stranded"
     """No robot runs out of energy while it could charge."""
     UNSETTLED = "unsettled"
     """The run settles within a bound after the last fault."""
     FAILED = "failed"
-    """No part of coordinator or host raises."""
+    """No part of the coordinator or host raises an exception."""
 
 
 class Broken(msgspec.Struct, frozen=True):

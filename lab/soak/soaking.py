@@ -57,7 +57,7 @@ ROOM_M = 0.45
 APART_M = 1.0
 """Between two robots at the start."""
 HARDWARE_SHARE = 0.5
-"""Share of the scripts with a fault of hardware."""
+"""Share of the scripts with a hardware fault."""
 BROKEN_S = (4.0, 20.0)
 RADIO_SHARE = 0.3
 """Share of the scripts whose components communicate by radio."""
@@ -80,7 +80,7 @@ CONNECTED = "r1"
 
 PATIENCE_S = 150.0
 TASK_S = 60.0
-"""Time for everything to settle after the last fault: so long, and so much for each task."""
+"""Time to settle after the last fault: `PATIENCE_S`, plus `TASK_S` for each task."""
 OPERATOR_TICKS = 5
 
 

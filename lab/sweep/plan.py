@@ -287,8 +287,8 @@ def make_plan(
     count = math.prod(map(len, keys.values()))
     if count * len(in_order) > limit:
         raise UsageError(
-            f"--limit {limit}: these are {count * len(in_order)} runs ({count} settings × {len(in_order)} seeds); "
-            "raise the limit, or vary less"
+            f"--limit {limit}: got {count * len(in_order)} runs ({count} settings × {len(in_order)} seeds); "
+            "raise the limit or vary fewer values"
         )
     inputs: dict[str, str] = {}
     settings: list[Setting] = []

@@ -66,7 +66,7 @@ class Budget:
     """Energy budget of a behavior; made in its `init`, connected in its `activate`.
 
     Args:
-        env: the behavior's.
+        env: the behavior's environment.
         travel: the behavior's, for the map as it is.
 
     """
@@ -92,10 +92,10 @@ class Budget:
         return BudgetVerdict(bound_j, self.energy.usable_j(), self.energy.estimate(work).duration_s)
 
     def path_home(self, place: Point2D) -> tuple[ChargerPlace | None, float]:
-        """The nearest charger and the length of the path to it from a place; without one, the robot's start.
+        """The nearest charger and the path length to it from a place; without one, None and the length to the start.
 
-        A free charger is preferred. Where the map shows no path, a straight line and half as much again; 0 before the
-        robot knows its place.
+        A free charger is preferred. If the map shows no path, the length is 1.5 times the straight line. It is 0 while
+        the start is unknown.
         """
         chargers = self.home.chargers()
         if chargers:
@@ -112,7 +112,7 @@ class Budget:
     def _path_m(self, start: Point2D, goal: Point2D) -> float:
         view = self._travel.view()
         path = self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
-        # The end of a path is as near to its goal as the robot can stand.
+        # A path ends at the nearest place to its goal where the robot can stand.
         return length_m([start, *path]) if path else DETOUR * start.distance_m(goal)
 
 

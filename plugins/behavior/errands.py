@@ -37,7 +37,7 @@ class ImageOut:
     """Output of a behavior's pictures; made again in each `activate`.
 
     Args:
-        env: the behavior's.
+        env: the behavior's environment.
 
     """
 

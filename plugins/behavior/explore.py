@@ -49,7 +49,7 @@ class OwnFloor:
     """The robot's knowledge about the floor.
 
     Args:
-        board: the robot's.
+        board: the robot's board.
 
     """
 
@@ -72,7 +72,7 @@ class TeamChoice(Explorer):
 
     Args:
         robot: its name.
-        board: the robot's.
+        board: the robot's board.
         strategy: which robot is sent to which frontier; the same for all robots of the team.
         reserve_share: share of the battery that the robot keeps on its path to a frontier and on to a charger.
 

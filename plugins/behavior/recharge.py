@@ -364,9 +364,9 @@ class RechargeBehavior(Errand[Recharge]):
         return (yield from self.charge_at(charger, parameters.until_soc))
 
     def charge_at(self, charger: ChargerPlace, until_soc: float) -> Script:
-        """Dock and charge; no result if a teammate needs the charger more.
+        """Dock and charge; the result is empty if a teammate needs the charger more.
 
-        Result: `soc`; `docked_m`, its distance from the place; `charged_j`, the energy from the charger.
+        Result: `soc`; `docked_m`, the robot's distance from the charger; `charged_j`, the energy from the charger.
         """
         docking = Docking(self, charger, self.parameters.no_power_s)
         yield from docking.dock()

@@ -142,8 +142,8 @@ class Travel:
     """The travels of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
 
     Args:
-        env: the behavior's.
-        parameters: the behavior's.
+        env: the behavior's environment.
+        parameters: the behavior's parameters.
 
     """
 

@@ -39,7 +39,7 @@ class CameraInterface(Protocol):
         """Take a picture.
 
         Raises:
-            CallError: the camera gives none; the text is the reason.
+            CallError: the camera provides no picture; the text is the reason.
 
         """
 
@@ -48,11 +48,11 @@ class Backend:
     """An open camera.
 
     Args:
-        env: of the plugin.
-        parameters: the plugin's.
+        env: the plugin's environment.
+        parameters: the plugin's parameters.
 
     Raises:
-        HardwareAbsent: there is none; the text is the reason.
+        HardwareAbsent: there is no camera; the text is the reason.
 
     """
 

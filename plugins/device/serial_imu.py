@@ -183,11 +183,11 @@ class ImuProtocol(StrEnum):
 
 
 class ImuCounters(msgspec.Struct, frozen=True):
-    """Counters of the line."""
+    """Counters of the serial line."""
 
     samples: int
     rejected: int
-    """Frames or lines with a wrong checksum, or that cannot be read, or beyond the range of a unit."""
+    """Frames or lines that have a wrong checksum, cannot be read, or are beyond the range of the unit."""
     stray_bytes: int
 
 

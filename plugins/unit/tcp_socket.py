@@ -136,7 +136,7 @@ class LineServer(socketserver.TCPServer):
         close_threads(clients.values(), CLOSE_TIMEOUT_S)
 
     def get_request(self) -> Any:
-        """Accept a client; wait a little if there are too many open files."""
+        """Accept a client; pause briefly if too many files are open."""
         try:
             return super().get_request()
         except OSError as error:

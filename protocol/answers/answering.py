@@ -30,7 +30,7 @@ class Answering(Generic[AskedT]):
     It grows with need up to a limit. Beyond the limit queries are refused, and Zenoh's own threads never block.
 
     Args:
-        name: of the threads.
+        name: the threads' name.
         receive: waits for a query; None when there will be no more.
         answer: answers a query.
         refuse: reports that no thread is free.

@@ -103,17 +103,17 @@ def flagged_identifier(message: can.Message) -> int:
 
 MODULUS = 256
 LONGEST_GAP = 64
-"""A step beyond this, or backwards, is a sender that has restarted rather than a loss."""
+"""A longer step, or a step backwards, means that the sender has restarted; no frames are counted as lost."""
 
 
 class SequenceCounter:
     """Follows the 8-bit counter of one kind of frame.
 
     Attributes:
-        lost: frames that never came, by the gaps between those that did.
-        repeated: frames with the counter of the one before: sent twice, or by two senders.
-        expected: the next counter if nothing is lost; None before the first. A reader of many frames may use the number
-            without `note`, and count it up.
+        lost: frames that did not arrive, from the gaps in the counter.
+        repeated: frames with the same counter as the previous frame: sent twice, or by two senders.
+        expected: the next counter if nothing is lost; None before the first. A reader of many frames may compare and
+            increment it directly, without `record`.
 
     """
 
@@ -123,7 +123,7 @@ class SequenceCounter:
         self.expected: int | None = None
 
     def record(self, counter: int) -> int:
-        """Take the counter of a frame that is believed; how many frames are missing before it."""
+        """Record the counter of an accepted frame; return the number of frames missing before it."""
         expected, self.expected = self.expected, (counter + 1) % MODULUS
         if expected is None:
             return 0

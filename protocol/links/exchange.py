@@ -376,7 +376,7 @@ class Exchange:
     # -- queries --------------------------------------------------------------------------------------------
 
     def queryable(self, selector: str, answer: Callable[[Asked], None], party: Party) -> Entry[Queryable]:
-        """Have queries to the keys of `selector` answered, on the thread that asks."""
+        """Answer queries to the keys of `selector` on the caller's thread."""
         return self._queryables.add(selector, Queryable(answer, party))
 
     def ask(
@@ -399,7 +399,7 @@ class Exchange:
             limit_ns: time limit for request and reply together, on the network.
             accept: gets the replies.
             over: called after the last one.
-            waits: whether the asker waits, so that `accept` gets each reply now; otherwise when it arrives.
+            waits: whether the caller waits, so that `accept` gets each reply now; otherwise when it arrives.
 
         Returns:
             Whether all requests and replies arrived within the limit.
@@ -456,7 +456,7 @@ class Exchange:
         return party.is_beside(asker) or (pair in self._reached_ns and pair not in self._returning)
 
     def _hand_over_late(self, queryables: list[Queryable], selector: str, payload: bytes) -> None:
-        """Hand over a request of which the asker has given up, unless its receiver has died."""
+        """Deliver a request whose caller no longer waits for a reply, unless its receiver has died."""
         for queryable in queryables:
             party = queryable.party
             if party.is_alive and party.name in self._paused:

@@ -127,7 +127,7 @@ class Party:
     """One life of a robot's or the coordinator's process, or the infrastructure.
 
     Args:
-        name: of the party.
+        name: the party's name.
 
     """
 
@@ -157,13 +157,13 @@ class Subscription(NamedTuple):
 
 
 class Queryable(NamedTuple):
-    """A function that answers queries, on the thread that asks."""
+    """A function that answers queries on the caller's thread."""
 
     answer: Callable[[Asked], None]
     party: Party
 
     def answer_late(self, selector: str, payload: bytes) -> None:
-        """Handle a request of which the asker has given up."""
+        """Handle a request whose caller no longer waits for a reply."""
         self.answer(LocalQuery(Gathering(selector, payload, 1, lambda _: None, lambda: None)))
 
 

@@ -128,7 +128,7 @@ query until the session is closed. `LockstepReplies.wait` has a limit for replie
 def is_from_outside(reply: zenoh.Reply, own: zenoh.ZenohId) -> bool:
     """Whether another process sent a reply; `own` is the id of this process's session.
 
-    The thread does not show it: the last to answer delivers all replies, and that may be the asker itself.
+    The thread does not show it: the last to answer delivers all replies, and that may be the caller itself.
     """
     return reply.replier_id is None or reply.replier_id.zid != own
 

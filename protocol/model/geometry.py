@@ -19,7 +19,7 @@ class Point2D(msgspec.Struct, frozen=True):
     y_m: Metres
 
     def distance_m(self, other: "Pose2D | Point2D") -> float:
-        """Euclidean distance of the two places."""
+        """Euclidean distance between the two places."""
         return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
 
 
@@ -47,7 +47,7 @@ class Pose2D(msgspec.Struct, frozen=True):
         return Pose2D(-cos * self.x_m - sin * self.y_m, sin * self.x_m - cos * self.y_m, yaw_rad)
 
     def distance_m(self, other: "Pose2D | Point2D") -> float:
-        """Euclidean distance of the two places."""
+        """Euclidean distance between the two places."""
         return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
 
 

@@ -439,7 +439,7 @@ class RosNode:
 
     Args:
         session: not closed by the node.
-        name: of the node.
+        name: the node's name.
         namespace: of the node and its relative names.
         domain: `ROS_DOMAIN_ID` of those it speaks to.
         now_ns: the clock for stamps, since 1970.

@@ -57,7 +57,7 @@ class Reader(Protocol[M]):
 
     @property
     def refused(self) -> int:
-        """Messages that are too large, do not decode, or come without a sender."""
+        """Number of messages that are too large, do not decode, or have no sender."""
 
     def read(self) -> list[ReceivedMessage[M]]:
         """Messages since the last call, in order."""
@@ -67,7 +67,7 @@ class Reader(Protocol[M]):
 
 
 class PendingRequest(Protocol[Q_out, R_in]):
-    """A request that waits for its response; one of `reply` and `refuse` is to be called, once."""
+    """A request that waits for its response; call either `reply` or `refuse`, once."""
 
     @property
     def request(self) -> Q_out:
@@ -84,15 +84,15 @@ class PendingRequest(Protocol[Q_out, R_in]):
 
 
 class Server(Protocol[Q_out, R_in]):
-    """A service, which holds requests until they are taken."""
+    """A service; it queues requests until `requests` returns them."""
 
     @property
     def dropped(self) -> int:
-        """Requests refused because too many waited."""
+        """Number of requests refused because the queue was full."""
 
     @property
     def refused(self) -> int:
-        """Requests that are too large, do not decode, or come without a sender."""
+        """Number of requests that are too large, do not decode, or have no sender."""
 
     def requests(self) -> "Sequence[PendingRequest[Q_out, R_in]]":
         """Requests since the last call, in order."""

@@ -1,4 +1,4 @@
-"""The whole wire as one JSON document: all topics, queries and tokens, with the schemas of all they carry."""
+"""The whole wire as one JSON document: all topics, queries and tokens, with the schemas of all messages."""
 
 from importlib.metadata import version
 from types import NoneType

@@ -69,5 +69,5 @@ class ActiveMessage(msgspec.Struct, frozen=True, kw_only=True):
             raise BadPacket(f"expected a payload of at most {MAX_PAYLOAD_BYTES} bytes, got length {length}")
         payload = packet[_HEADER.size :]
         if len(payload) != length:
-            raise BadPacket(f"expected {length} bytes of payload as the header says, got {len(payload)}")
+            raise BadPacket(f"expected the {length} bytes of payload in the header, got {len(payload)}")
         return cls(type=kind, payload=payload, source=source, destination=destination, group=group)

@@ -188,10 +188,10 @@ class DutyPayload(Payload, frozen=True):
 
     @classmethod
     def of_seconds(cls, period_s: float) -> "DutyPayload":
-        """The duty of a period, to a tenth of a second.
+        """The duty with this period, rounded to a tenth of a second.
 
         Raises:
-            ValueError: it is not between 0.1 and 6553.5 s.
+            ValueError: the period is not between 0.1 and 6553.5 s.
 
         """
         if not PERIOD_MIN_S <= period_s <= PERIOD_MAX_S:
@@ -200,10 +200,10 @@ class DutyPayload(Payload, frozen=True):
 
     @classmethod
     def unpack(cls, payload: bytes) -> Self:
-        """The duty in a payload.
+        """Decode the duty in a payload.
 
         Raises:
-            BadPacket: it is not 2 bytes long, or the period is 0.
+            BadPacket: the payload is not 2 bytes long, or the period is 0.
 
         """
         duty = super().unpack(payload)

@@ -59,7 +59,7 @@ def export_tables(
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):
             path = next(reversed(files.values()), folder)
-            raise RecordingError(path, f"cannot write {path}: {error.strerror or error}; make room there") from error
+            raise RecordingError(path, f"cannot write {path}: {error.strerror or error}; free some space") from error
         raise
     return files
 

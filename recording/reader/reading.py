@@ -89,7 +89,7 @@ def read_provenance(path: Path) -> Provenance:
         return Provenance.from_records(metadata, attachments)
     except (KeyError, ValueError) as error:
         raise RecordingError(
-            path, f"{path} has no information about its run: give a recording made by `robrain`"
+            path, f"{path} has no information about its run: use a recording made by `robrain`"
         ) from error
 
 
@@ -264,4 +264,4 @@ def check_readable(path: Path) -> None:
     if not start:
         raise RecordingError(path, f"{path} is empty: its recorder was stopped before it wrote anything, record again")
     if start != MCAP0_MAGIC:
-        raise RecordingError(path, f"{path} is not an MCAP file: give a recording made by `robrain`")
+        raise RecordingError(path, f"{path} is not an MCAP file: use a recording made by `robrain`")

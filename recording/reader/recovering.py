@@ -219,7 +219,7 @@ def _copied(
     with writing(path):
         target = path.open("xb")
     try:
-        with writing(path, "; make room there"), target:
+        with writing(path, "; free some space"), target:
             copy = RecordingCopy(target, visual, truncated=truncated)
             with describing_damage(source):
                 stream = source.open("rb")

@@ -88,7 +88,7 @@ class RecorderReports:
 
     Args:
         states: endpoint that publishes it.
-        clock: the recorder's.
+        clock: the recorder's clock.
         read_state: gives the recorder's current state, from any thread.
         live: whether other components continue while the recorder waits.
     """

@@ -288,5 +288,5 @@ def check_writable(path: Path) -> None:
 
 def _cannot_write(path: Path, error: OSError) -> RecordingError:
     return RecordingError(
-        path, f"cannot record to {path}: {error.strerror or error}; make room there or give another file"
+        path, f"cannot record to {path}: {error.strerror or error}; free some space there or give another file"
     )

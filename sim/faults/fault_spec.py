@@ -105,11 +105,11 @@ OPTIONS: dict[str, frozenset[FaultKind]] = {
     "late_s": frozenset((FaultKind.DELAY, FaultKind.REORDER)),
     "place_m": frozenset((FaultKind.CARRIED_OFF,)),
 }
-"""Keys that these kinds need and no other may have."""
+"""Keys that these kinds require and others must not have."""
 
 
 class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """`[[faults]]`: something fails at a given time or event. Raises ValueError where its values do not fit."""
+    """`[[faults]]`: a failure at a given time or event. Raises ValueError if its values are inconsistent."""
 
     robot: str
     """Name of the component, a robot such as `r1` or `coordinator`."""
@@ -117,17 +117,17 @@ class FaultSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     at_s: NotNegative
     """Simulated time at which it begins; with `on`, time after that event."""
     until_s: float | None = None
-    """Simulated time at which it ends, counted as `at_s`; never if absent."""
+    """Simulated time at which it ends, counted like `at_s`; never if absent."""
     on: FaultMoment | None = None
-    """Event that it waits for, once."""
+    """Event after which it begins, once."""
     within_s: NotNegative = 0.0
-    """It begins, and ends, later than its time by a delay from 0 to this, drawn from the run's seed."""
+    """Greatest delay of its beginning and end; the run's seed determines the delay, from 0 to this."""
     period_s: Annotated[float, Meta(gt=0, le=LATEST_S)] | None = None
     """`slow`: time between two steps."""
     skew_s: Annotated[float, Meta(ge=-SKEW_MAX_S, le=SKEW_MAX_S)] | None = None
     """`clock_skew`: how far the clock is ahead; negative if it is behind."""
     soc: Share | None = None
-    """`drain`: the state of charge that is left, 0 to 1."""
+    """`drain`: the remaining state of charge, 0 to 1."""
     share: Annotated[float, Meta(gt=0, le=1)] | None = None
     """`lose`: share of lost messages, above 0 to 1."""
     late_s: tuple[float, float] | None = None

@@ -26,7 +26,7 @@ class SkewedClock:
     """The run's clock, and a difference.
 
     Args:
-        clock: of the run.
+        clock: the run's clock.
         skew_ns: lead of its clock.
 
     """
@@ -56,8 +56,8 @@ class Process:
     """One process.
 
     Args:
-        name: of the component on the exchange.
-        clock: of the run.
+        name: the component's name on the exchange.
+        clock: the run's clock.
         exchange: of the run.
         start: makes the component; called at the start and at each restart.
         end: called with a component that was killed, once its messages are no longer delivered.

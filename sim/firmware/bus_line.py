@@ -31,7 +31,7 @@ class FrameStamps:
     """Clock for the stamps of a line's frames: the current time or, for a late frame, the time at which it was sent.
 
     Args:
-        clock: the run's.
+        clock: the run's clock.
         stamps_sending: whether late frames are stamped with their time of sending.
 
     """

@@ -31,7 +31,7 @@ class TeamFaults:
 
     Args:
         world: of the run.
-        clock: of the run.
+        clock: the run's clock.
         exchange: of the run.
         wire: faults of the wire, which the exchange's network asks.
         radio: of the run, if it has `[links]`.

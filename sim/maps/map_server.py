@@ -112,7 +112,7 @@ def _read_settings(path: Path) -> MapSettings:
             content = {key: value if key == "image" else _plain(value) for key, value in content.items()}
         return msgspec.convert(content, MapSettings, strict=False)
     except FileNotFoundError as error:
-        raise MapError(f"{path}: expected a map_server YAML file, there is none") from error
+        raise MapError(f"{path}: expected a map_server YAML file, found none") from error
     except msgspec.ValidationError as error:
         what, _, key = str(error).partition(" - at `$.")
         raise MapError(f"{path}: {key.rstrip('`')}{': ' if key else ''}{_one_line(what)}") from error
@@ -158,7 +158,7 @@ def _read_image(
     except MapError:
         raise
     except FileNotFoundError as error:
-        message = f"{yaml_path}: image: expected an image at {image_path}, there is none"
+        message = f"{yaml_path}: image: expected an image at {image_path}, found none"
         raise MapError(message) from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise MapError(f"{too_many}, got: {_one_line(error)}") from error

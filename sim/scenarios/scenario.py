@@ -214,7 +214,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             raise ScenarioError(f"{self.name}: fidelity: expected one of {', '.join(Fidelity)}: {error}") from error
         except TypeError as error:
             known = ", ".join(self.__struct_fields__)
-            raise ScenarioError(f"{self.name}: {error}; a scenario has {known}") from error
+            raise ScenarioError(f"{self.name}: {error}; the fields of a scenario are {known}") from error
 
     @property
     def policy(self) -> PlanningPolicy:

@@ -352,12 +352,12 @@ def _places(
             if path is None:
                 here, there = places[one], places[other]
                 raise MapError(
-                    f"{plan.name}: expected a way for {key} from {here.x_m:g}, {here.y_m:g} to "
-                    f"{there.x_m:g}, {there.y_m:g}, there is none",
+                    f"{plan.name}: expected a path for {key} from {here.x_m:g}, {here.y_m:g} to "
+                    f"{there.x_m:g}, {there.y_m:g}, found none",
                 )
             paths[one, other], paths[other, one] = path, path[::-1]
     if not any(_is_apart(place, spec.radius_m, starts) for place in places):
-        raise MapError(f"{plan.name}: expected a place for {key} clear of the robots' starts, there is none")
+        raise MapError(f"{plan.name}: expected a place for {key} clear of the robots' starts, found none")
     return tuple(places), paths
 
 

@@ -25,10 +25,10 @@ class ChargerSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Chargers:
-    """All docks of the arena, with the robots at them. A dock charges one robot, the first one.
+    """All docks of the arena and the robots at them. A dock charges one robot at a time, the first one there.
 
     Args:
-        specs: in this order; a robot within reach of two uses the first that is free.
+        specs: the docks; a robot within reach of two uses the first free one in this order.
         tick_s: duration of a tick.
 
     """

@@ -49,7 +49,7 @@ def test_by_default_all_maps_that_are_there_are_taken_and_the_others_named(tmp_p
     ("options", "told"),
     [
         ({"maps": "moon"}, "--maps moon: there is no such map; expected a map.yaml or one of "),
-        ({"map_folder": Path("nowhere")}, "--map-folder nowhere: expected a folder"),
+        ({"map_folder": Path("nowhere")}, "--map-folder nowhere: expected an existing folder"),
         ({"robots": "0"}, "--robots 0: expected numbers from 1 to 1000, got '0'"),
         ({"robots": "4-2"}, "--robots 4-2: expected numbers from 1 to 1000, got '4-2'"),
         ({"robots": "two"}, "--robots two: expected whole numbers such as 1,2 or 1-4, got 'two'"),

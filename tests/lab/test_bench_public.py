@@ -91,8 +91,8 @@ def test_best_known_value_is_that_of_the_solution_beside(written):
 @pytest.mark.parametrize(
     ("specs", "sections", "named"),
     [
-        ("", "DEPOT_SECTION\n2\n-1", "DEPOT_SECTION: expected one depot"),  # another node than the first
-        ("", "DEPOT_SECTION\n1\n2\n-1", "DEPOT_SECTION: expected one depot"),  # two of them
+        ("", "DEPOT_SECTION\n2\n-1", "DEPOT_SECTION: expected node 1 as the only depot"),  # another node than the first
+        ("", "DEPOT_SECTION\n1\n2\n-1", "DEPOT_SECTION: expected node 1 as the only depot"),  # two of them
         ("", "BACKHAUL_SECTION\n2\n-1", "BACKHAUL_SECTION: not supported by the allocators' model"),
         ("VEHICLES : none", "", "none"),  # not a number
     ],

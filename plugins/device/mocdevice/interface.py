@@ -37,7 +37,7 @@ class Counters(msgspec.Struct, frozen=True):
     foreign: int
     """Frames that no device on this robot's bus sends, and commands of another sender."""
     lost: int
-    """Encoder frames that never came, by the gaps in their counter."""
+    """Encoder frames that did not arrive, from the gaps in their counter."""
     errors: int
     """Error frames of the computer's own CAN controller."""
 

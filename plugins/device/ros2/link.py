@@ -131,7 +131,7 @@ class Ros2Link:
     """A node and the thread that spins it; made by `open_link`.
 
     Args:
-        name: the node's.
+        name: the node's name.
         domain_id: its ROS domain.
 
     """

@@ -30,7 +30,7 @@ def read_imu(message: Any) -> tuple[int, ImuMotion]:
     """
     rate_rad_s = message.angular_velocity.z
     if message.angular_velocity_covariance[0] == NOT_MEASURED:
-        raise BadMessage("the unit does not measure its angular velocity")
+        raise BadMessage("the IMU does not measure angular velocity")
     if not abs(rate_rad_s) <= RATE_MAX_RAD_S:
         raise BadMessage(f"expected a rate up to {RATE_MAX_RAD_S:g} rad/s, got {rate_rad_s:g}")
     if message.linear_acceleration_covariance[0] == NOT_MEASURED:

@@ -289,7 +289,7 @@ class Ramp:
 
 
 def check_range(function: str, *numbers: float) -> None:
-    """Check numbers from other plugins, too: only external calls are checked by their types."""
+    """Raise CallError unless all numbers are in range; the types of a call are checked only if it is external."""
     for number in numbers:
         if not -METRES_MAX <= number <= METRES_MAX:
             text = f"{function}: expected finite numbers of at most {METRES_MAX:g}, got {number}"

@@ -1,7 +1,7 @@
-"""A driver that has Nav2 drive, with the stock driver's interface: it sends ends of paths as goals of NavigateToPose.
+"""A driver with the stock driver's interface that lets Nav2 drive: it sends path ends as NavigateToPose goals.
 
 Nav2 plans its own path to them, at its own speed, and stops before obstacles by itself. Where robots meet, the team's
-rules hold all the same: behaviors only send the driver as far as the robot may go.
+rules still hold: behaviors only send the driver as far as the robot may go.
 """
 
 import math

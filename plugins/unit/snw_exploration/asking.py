@@ -2,7 +2,7 @@
 
 A mote listens for a moment after each packet that it sends, whether or not that packet is received. While it may be
 answering, it is asked again for the readings still missing. Where the link is weak, each request asks for more and is
-repeated. A mote that was not received at its time is asked all the same.
+repeated. A mote whose packet was not received on time is asked nevertheless.
 """
 
 from collections.abc import Callable
@@ -216,7 +216,7 @@ class Asking:
         return True
 
     def step(self, now_ns: int) -> None:
-        """Repeat the requests that may help."""
+        """Repeat the requests that the mote may still answer, and forget the others."""
         if not self._owing:
             return
         sought = 0
@@ -227,7 +227,7 @@ class Asking:
             elif quiet_ns < self._repeat_ns:
                 continue
             elif quiet_ns <= self._listens_ns + self._gap_ns * record.asked.wanted.bit_count():
-                # Its packets, if it sends any, do not arrive; it listens for a moment after the last of them.
+                # The mote's packets, if any, do not arrive; it listens briefly after the last one.
                 if now_ns - record.spoke_ns >= self._repeat_ns:
                     self._ask_again(record, now_ns)
             elif sought < SEEK_MOTES and self._is_weak(record) and _is_near(record, now_ns):

@@ -220,22 +220,22 @@ class MoteRecord:
         self.is_asked_for = False
         """Its stored readings were requested."""
         self.asked: RequestPayload | None = None
-        """The request that it is answering."""
+        """The request that the mote is answering."""
         self.asked_until_ns = 0
-        self.spoke_ns = 0
         self.live_ns = 0
+        self.spoke_ns = 0
         """Time of the last request."""
         self.wanted_period_ds: int | None = None
         self.wanted_stamp_ns = -1
         self.duty_tries = 0
         self.stamp_ns = 0
-        """Time when this robot last received it."""
+        """Time of the last packet that this robot received from the mote."""
         self._received_from: Point2D | None = None
         self._rssi_sum_dbm = 0.0
         self._packets = 0
 
     def record_packet(self, reading: ReadingPayload, stamp_ns: int, received_from: Point2D | None) -> None:
-        """Record one packet that this robot received from it."""
+        """Record one packet that this robot received from the mote."""
         self.latest = reading
         if self.latest_live is None or reading.age_ds == 0:
             self.latest_live = reading
@@ -246,9 +246,9 @@ class MoteRecord:
         self._packets += 1
 
     def record_answer(self, sequence: int) -> None:
-        """A stored reading has come.
+        """Record that a stored reading has arrived.
 
-        After the last one of a request no more will come, even if earlier ones were lost.
+        The last reading of a request ends it, even if earlier ones were lost.
         """
         if self.asked is not None and sequence == self.asked.sequences()[-1]:
             self.asked = None

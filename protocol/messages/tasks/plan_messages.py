@@ -67,7 +67,7 @@ class ObjectiveRequest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlannedCharge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One robot's planned time at a charger; stamps of the run's clock."""
+    """One robot's planned time at a charger, with stamps of the run's clock."""
 
     robot: Name
     charger: Point2D

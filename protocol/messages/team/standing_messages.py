@@ -104,7 +104,7 @@ class StandByState(Message, frozen=True, kw_only=True):
     process: Name
     """Names the process: host and process id."""
     term: Epoch = 0
-    """Of the coordinator that it follows; 0 if it has no whole copy yet."""
+    """Term of the coordinator that it follows; 0 while its copy is incomplete."""
     on_disk: Count = 0
     """All changes up to this one are on its disk."""
     trouble: Text = ""

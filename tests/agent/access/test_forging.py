@@ -329,7 +329,7 @@ def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
         ("by_its_environment", DENIED),
         ("by_another_name", DENIED),
         ("by_the_connection_itself", DENIED),
-        ("by_mangled_name", "stranger runs in a process of its own and has no env.Environment__requests"),
+        ("by_mangled_name", "stranger runs in a separate process and has no env.Environment__requests"),
         ("by_the_number_of_a_handle", "index out of range"),  # each connection numbers its handles
         ("by_handing_on", "RemoteHandle is not plain data"),
     ],

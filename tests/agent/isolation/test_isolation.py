@@ -273,7 +273,7 @@ def test_what_it_cannot_have_is_refused_in_words(bench, ranged):
     def pry(self) -> None: self.ranger.thread
     """)
     for wish, text in (
-        ("wire", "finds no way to the wire"),
+        ("wire", "cannot reach the wire"),
         ("tasks", "has no env.tasks"),
         ("do_tasks", "cannot do tasks"),
         ("observe", "can observe events of the plugins that it uses"),
@@ -284,7 +284,7 @@ def test_what_it_cannot_have_is_refused_in_words(bench, ranged):
 
 
 def test_types_that_cannot_pass_between_processes_are_found_before_the_start(bench):
-    with pytest.raises(PluginError, match="Vision cannot run in a process of its own"):
+    with pytest.raises(PluginError, match="Vision cannot run in a separate process"):
         bench.make("""
             class VisionInterface(Protocol):
                 def look(self, at: "Nowhere") -> None: ...

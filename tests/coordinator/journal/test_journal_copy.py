@@ -42,7 +42,7 @@ def test_it_stands_beside_the_journal_where_temporary_files_have_no_room(path, m
 def test_without_room_nothing_is_written_and_it_is_said_where(path, monkeypatch):
     rooms(monkeypatch, **{"memory": 0, path.parent.name: 1499 + LEFT_BYTES})
     with (
-        pytest.raises(JournalError, match=r"team.journal: a copy to look at takes 0 MB.*set TMPDIR"),
+        pytest.raises(JournalError, match=r"team.journal: a copy to read needs 0 MB.*set TMPDIR"),
         journal_copy(path),
     ):
         pass

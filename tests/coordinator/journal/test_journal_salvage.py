@@ -196,7 +196,7 @@ def test_copies_robots_and_alarms_are_salvaged(path: Path) -> None:
     journal = Journal(path)
     assert (journal.copied, journal.robots) == ("partial", {"r1": R1})
     assert [(alarm.rule, alarm.source) for alarm in journal.alarms()] == [("hot", "m1")]
-    with pytest.raises(JournalError, match="not whole"):
+    with pytest.raises(JournalError, match="incomplete copy"):
         journal.own()
     journal.close()
 

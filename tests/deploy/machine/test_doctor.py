@@ -169,11 +169,11 @@ def test_port_that_is_free_or_has_the_router_itself(free, endpoints) -> None:
 def test_can_interface_that_is_absent_down_or_up(tmp_path) -> None:
     found = robot(tmp_path, CAN)
     [absent] = doctor.check_can(found, tmp_path)
-    wrong(absent, CheckName.CAN, "there is no CAN interface can7, which mocdevice needs")
+    wrong(absent, CheckName.CAN, "there is no CAN interface can7 (needed by mocdevice)")
     (tmp_path / "can7").mkdir()
     (tmp_path / "can7" / "flags").write_text("0x80\n")
     [down] = doctor.check_can(found, tmp_path)
-    wrong(down, CheckName.CAN, "can7, which mocdevice needs, is down")
+    wrong(down, CheckName.CAN, "can7 (needed by mocdevice) is down")
     (tmp_path / "can7" / "flags").write_text("0x81\n")
     assert doctor.check_can(found, tmp_path)[0].ok
 

@@ -266,5 +266,5 @@ def test_a_machine_without_the_router_makes_no_ca_of_its_own(tmp_path: Path) -> 
 
 
 def test_certificates_of_another_team_are_refused_with_the_option_that_names_it(made: Credentials) -> None:
-    with pytest.raises(PkiError, match="got those of blue: --team blue"):
+    with pytest.raises(PkiError, match="of team blue, not red; give --team blue"):
         Credentials(made.pki, "red").prepare(PARTS, NOW)

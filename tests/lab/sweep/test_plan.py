@@ -62,7 +62,7 @@ def test_a_wrong_value_is_told_with_its_key(vary: dict[str, list[object]], why: 
 
 
 def test_more_runs_than_the_limit_are_refused_with_their_number() -> None:
-    with pytest.raises(UsageError, match=r"--limit 5: these are 6 runs \(2 settings × 3 seeds\)"):
+    with pytest.raises(UsageError, match=r"--limit 5: got 6 runs \(2 settings × 3 seeds\)"):
         make_plan(DEPOT, [1, 2, 3], {"robots": [1, 2]}, limit=5)
     assert len(make_plan(DEPOT, [1, 2, 3], {"robots": [1, 2]}, limit=6).runs()) == 6
 

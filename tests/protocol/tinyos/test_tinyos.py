@@ -95,7 +95,7 @@ def test_bytes_are_a_packet_or_refused_and_nothing_else(data):
     ("packet", "sentence"),
     [
         (GOLDEN[:7], "at least 8 bytes, got 7"),  # cut within the header
-        (GOLDEN[:-1], "expected 24 bytes of payload as the header says, got 23"),  # cut within the payload
+        (GOLDEN[:-1], "expected the 24 bytes of payload in the header, got 23"),  # cut within the payload
         (GOLDEN + b"\x00", "got 25"),  # a byte too many
         (b"\x01" + GOLDEN[1:], "dispatch byte 0x00"),  # a CC1000 packet of the serial line
         (GOLDEN[:5] + b"\x1d" + GOLDEN[6:8] + bytes(29), "at most 28 bytes, got length 29"),  # longer than TinyOS sends
