@@ -196,11 +196,6 @@ class Team:
         cells = np.full((round(10 * (y1 - y0)), round(10 * (x1 - x0))), kind, np.int8)
         self.robots[0].say_map(GEOMETRY, PatchCells(row, column, cells, self._stamp_ms))
 
-    def set_clock(self, now_s: float) -> None:
-        """Set the clock of all, ahead or back."""
-        self._ticks = round(now_s / TICK_S)
-        self.clock._now_ns[0] = to_ns(self._ticks * TICK_S)
-
     def run(self, duration_s: float) -> None:
         for _ in range(round(duration_s / TICK_S)):
             self._ticks += 1

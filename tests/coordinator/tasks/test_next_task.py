@@ -3,13 +3,11 @@
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_EXPLAIN, TaskExplanation, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.coordinator.desk_robots import DeskRobot
 
-NOT_NOW = TaskAnswer(accepted=False, why="is not at a")
 OFFERED, RUNNING, DONE = TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE
 
 
