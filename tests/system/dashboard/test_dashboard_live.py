@@ -33,10 +33,12 @@ TYPING_S = 0.15
 IS_INERT = "field => field.closest('[inert]') !== null"
 
 
-def test_operator_sees_asks_tasks_drives_and_halts_a_live_team(tmp_path: Path, browser: Browser) -> None:
-    sweep = tmp_path / "sweep"  # from where the team's robots may load plugins
+def test_operator_sees_asks_tasks_drives_and_halts_a_live_team(
+    tmp_path_factory: pytest.TempPathFactory, browser: Browser
+) -> None:
+    sweep = tmp_path_factory.mktemp("live") / "sweep"  # a short path: notices cut long ones
     shutil.copytree(Path(__file__).parents[3] / "examples" / "08_your_own_task", sweep)
-    with live_team(tmp_path, "arena_small", "--seed", "7", robots=ROBOTS) as team, window(browser) as context:
+    with live_team(sweep.parent, "arena_small", "--seed", "7", robots=ROBOTS) as team, window(browser) as context:
         page, errors = open_page(context, team.url)
         for robot in ROBOTS:
             expect(page.get_by_test_id(f"robot-{robot}-contact")).to_have_text("● up")
