@@ -123,13 +123,13 @@ def test_a_plugin_that_gives_itself_another_name_stays_who_it_is(lab, env):
 
 
 def test_events_leave_the_robot_in_the_name_of_the_plugin_whatever_it_calls_itself(lab):
-    heard = Inbox(every=True)
-    lab.wire.subscribe(heard, ROBOT_EVENT)
+    events = Inbox(every=True)
+    lab.wire.subscribe(events, ROBOT_EVENT)
     lab.hosts[-1].manager.load("friend")
     friend = lab.plugin("friend")
     friend.env.plugin = "switch"
     friend.called.notify(1)
-    assert [received.message.plugin for received in heard.drain()] == ["friend"]
+    assert [received.message.plugin for received in events.drain()] == ["friend"]
 
 
 # -- nothing that a plugin is given leads to a tag or to another plugin -----------------------------------------
@@ -223,11 +223,11 @@ def test_an_interface_of_the_same_name_offers_no_more_than_the_plugins_own(lab, 
 
 
 def test_who_observes_an_event_cannot_notify_it(lab, handle):
-    heard = Inbox(every=True)
-    lab.wire.subscribe(heard, ROBOT_EVENT)
+    events = Inbox(every=True)
+    lab.wire.subscribe(events, ROBOT_EVENT)
     with pytest.raises(AttributeError):
         handle.pressed.notify(7)
-    assert heard.drain() == []
+    assert events.drain() == []
 
 
 # -- what is not guaranteed -------------------------------------------------------------------------------------
@@ -312,15 +312,15 @@ def isolated(tmp_path_factory) -> Iterator[LiveRobot]:
     robot.close()
 
 
-def told(isolated, function):
+def answer_of(isolated, function):
     return msgspec.json.decode(isolated.call("stranger", function))
 
 
 @pytest.mark.slow
 def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
-    assert told(isolated, "process") == isolated.plugin("stranger").pid
-    assert told(isolated, "own") == 1
-    assert told(isolated, "found") == ["Stranger"]
+    assert answer_of(isolated, "process") == isolated.plugin("stranger").pid
+    assert answer_of(isolated, "own") == 1
+    assert answer_of(isolated, "found") == ["Stranger"]
 
 
 @pytest.mark.parametrize(
@@ -336,7 +336,7 @@ def test_an_isolated_plugin_holds_nothing_but_itself_in_its_process(isolated):
 )
 def test_an_isolated_plugin_has_the_connection_of_its_own_name_and_no_other(isolated, way, text):
     with pytest.raises(CallError, match=text):
-        told(isolated, way)
+        answer_of(isolated, way)
     assert isolated.plugin("switch").presses == 0
 
 

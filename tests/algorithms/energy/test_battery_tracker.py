@@ -358,9 +358,9 @@ class Gauge:
     def sound(self, seconds: float, current_a: float = 0.8) -> None:
         for _ in range(round(seconds / 0.2)):
             noisy_a = current_a + self.rng.normal(0.0, 0.01)
-            self.tell(15.0 - RESISTANCE_OHM * noisy_a + self.rng.normal(0.0, 0.01), noisy_a)
+            self.measure(15.0 - RESISTANCE_OHM * noisy_a + self.rng.normal(0.0, 0.01), noisy_a)
 
-    def tell(self, voltage_v: float, current_a: float, temperature_c: float = 25.0) -> bool:
+    def measure(self, voltage_v: float, current_a: float, temperature_c: float = 25.0) -> bool:
         expected_v = 15.0 - RESISTANCE_OHM * current_a
         return self.check.judge(voltage_v, current_a, temperature_c, 0.2, expected_v, RESISTANCE_OHM)
 

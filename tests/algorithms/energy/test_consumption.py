@@ -73,9 +73,9 @@ def test_what_things_cost_is_learned_from_what_they_did_cost():
     assert model.coefficients[0] == pytest.approx(TRUE[0], abs=0.1)
     assert model.coefficients[2] == pytest.approx(TRUE[2], abs=0.8)
     cost_j = robot.go(40.0, 0.5)
-    told = estimate(model, Work(path_m=20.0, speed_m_s=0.5))
-    assert told.mean_j == pytest.approx(cost_j, rel=0.02)
-    assert told.low_j(0.99) < cost_j < told.high_j(0.99)
+    cost = estimate(model, Work(path_m=20.0, speed_m_s=0.5))
+    assert cost.mean_j == pytest.approx(cost_j, rel=0.02)
+    assert cost.low_j(0.99) < cost_j < cost.high_j(0.99)
 
 
 def test_a_computer_that_takes_more_from_now_on_is_followed():
@@ -131,14 +131,14 @@ class SteadyRobot:
         self.learns.learner.learn = lambda amounts, energy_j: self.lessons.append((amounts, energy_j))
 
     def go(self, seconds, *, trusted=True, moves=True):
-        told = []
+        drawn = []
         for _ in range(round(seconds / 0.2)):
             if moves:
                 self.learns.move(to_ns(self.at_s), 0.5, 0.0)
-            told.append(self.learns.draw(Drawn(to_ns(self.at_s), self.energy_j, trusted)))
+            drawn.append(self.learns.draw(Drawn(to_ns(self.at_s), self.energy_j, trusted)))
             self.at_s = round(self.at_s + 0.2, 6)
             self.energy_j += 4.0
-        return told
+        return drawn
 
 
 def test_what_is_not_trusted_ends_a_lesson_and_the_next_begins_after_it():
@@ -233,9 +233,9 @@ def test_a_wait_costs_what_standing_costs():
 
 
 def test_a_way_costs_its_time_its_length_and_one_start():
-    told = estimate(MODEL, Work(path_m=10.0))
-    assert told.duration_s == 20.0
-    assert told.mean_j == pytest.approx(20.0 * 8.5 + 10.0 * 10.0 + 0.5 * 0.5**2 * 8.0)
+    cost = estimate(MODEL, Work(path_m=10.0))
+    assert cost.duration_s == 20.0
+    assert cost.mean_j == pytest.approx(20.0 * 8.5 + 10.0 * 10.0 + 0.5 * 0.5**2 * 8.0)
 
 
 def test_a_turn_costs_its_time_and_its_angle():
@@ -272,9 +272,9 @@ def test_standing_power_that_wanders_counts_with_the_third_power_of_the_time(wai
 def test_the_way_alone_turns_out_other_than_planned():
     unsure = msgspec.structs.replace(MODEL, relative_sd=0.1, path_ratio=1.2)
     way_j = 1.2 * estimate(MODEL, Work(path_m=10.0)).mean_j
-    told = estimate(unsure, Work(path_m=10.0, wait_s=60.0, radio_packets=1000))
-    assert told.sigma_j == pytest.approx(0.1 * way_j)
-    assert told.mean_j == pytest.approx(way_j + 480.0 + 1.0)
+    cost = estimate(unsure, Work(path_m=10.0, wait_s=60.0, radio_packets=1000))
+    assert cost.sigma_j == pytest.approx(0.1 * way_j)
+    assert cost.mean_j == pytest.approx(way_j + 480.0 + 1.0)
 
 
 @given(WORKS, WORKS)
@@ -294,8 +294,8 @@ def test_more_work_never_costs_less(work, more):
 
 @given(st.floats(0.5, 0.999), st.floats(0.501, 0.999))
 def test_bounds_are_ordered_and_costs_are_never_negative(confidence, other):
-    told = EnergyEstimate(100.0, 60.0, 10.0)
-    assert 0.0 <= told.low_j(confidence) <= told.mean_j <= told.high_j(confidence)
+    cost = EnergyEstimate(100.0, 60.0, 10.0)
+    assert 0.0 <= cost.low_j(confidence) <= cost.mean_j <= cost.high_j(confidence)
     if other > confidence:
-        assert told.high_j(other) >= told.high_j(confidence)
-    assert told.high_j(0.95) == pytest.approx(100.0 + 1.644854 * 60.0)
+        assert cost.high_j(other) >= cost.high_j(confidence)
+    assert cost.high_j(0.95) == pytest.approx(100.0 + 1.644854 * 60.0)

@@ -130,46 +130,46 @@ class Listener:
     def __init__(self, true=HERE, believed=HERE, **spec):
         self.true = true
         self.localiser = Localiser(believed, 0.1, 0.05, LocaliserSpec(**spec))
-        self.heard = 0
+        self.received = 0
 
     def step(self, motes=9):
         self.true = moved_along(self.true, STEP)
         self.localiser.move(STEP)
-        mote = MOTES[self.heard % motes]
-        self.localiser.receive(RssiSample(f"m{self.heard % motes}", mote, LOSS.mean_dbm(self.true.distance_m(mote))))
-        self.heard += 1
+        mote = MOTES[self.received % motes]
+        self.localiser.receive(RssiSample(f"m{self.received % motes}", mote, LOSS.mean_dbm(self.true.distance_m(mote))))
+        self.received += 1
 
 
 @pytest.mark.parametrize("before", [13, 20])
 def test_a_robot_that_leaves_the_arena_frame_looks_for_itself_by_what_it_hears_from_then_on(before: int) -> None:
     """Every eighth signal, once there are enough; those from before may be what has led it astray."""
     fresh, robot = Listener(), Listener()
-    fresh.localiser.part("mates contradict it")
+    fresh.localiser.part("teammates contradict it")
     for _ in range(before):
         robot.step()
-    robot.localiser.part("mates contradict it")
-    assert robot.localiser.lost == "mates contradict it"
-    robot.heard = 0
+    robot.localiser.part("teammates contradict it")
+    assert robot.localiser.lost == "teammates contradict it"
+    robot.received = 0
     for each in (fresh, robot):
         while each.localiser.arena_fix is None:
             each.step()
-            assert each.heard < 80
-    assert robot.heard == fresh.heard
-    assert robot.heard % 8 == 0
+            assert each.received < 80
+    assert robot.received == fresh.received
+    assert robot.received % 8 == 0
     pose, _ = robot.localiser.arena_fix or (IDENTITY, None)
     assert pose.distance_m(robot.true) < 1.0
 
 
 def test_where_a_robot_may_be_is_asked_of_what_it_has_heard_since_it_left_its_frame() -> None:
     robot = Listener()
-    assert robot.localiser.may_be_at(ELSEWHERE), "it has heard nothing"
+    assert robot.localiser.may_be_at(ELSEWHERE), "it has received nothing"
     allowed = []
     for _ in range(14):
         robot.step()
         allowed.append(robot.localiser.may_be_at(robot.true))
     assert allowed == [False] * 11 + [True] * 3
     assert not robot.localiser.may_be_at(Pose2D(2.0, 16.0, 0.0))
-    robot.localiser.part("mates contradict it")
+    robot.localiser.part("teammates contradict it")
     assert not robot.localiser.may_be_at(robot.true)
     for _ in range(12):
         robot.step()
@@ -221,15 +221,15 @@ def test_a_start_is_false_if_the_map_knows_the_place_and_most_of_what_is_seen_is
 
 
 DEAF_WATCH = DivergenceSpec(nis_max=1e9, refused_max=1.0)
-"""A watch that says nothing of what is heard."""
+"""A watch that reports nothing of what it receives."""
 
 
 def test_signals_that_speak_for_another_place_say_that_the_robot_is_lost():
     robot = Listener(Pose2D(4.0, 14.0, 2.0), HERE, watch=DEAF_WATCH)
     while not robot.localiser.lost:
         robot.step()
-        assert robot.heard <= 24
-    assert robot.heard == 24
+        assert robot.received <= 24
+    assert robot.received == 24
     assert "the last 24 signals of motes speak for another place" in robot.localiser.lost
 
 
@@ -244,7 +244,7 @@ def test_innovations_that_are_too_large_say_so_at_once():
     robot = Listener(Pose2D(17.0, 12.0, 0.0), HERE, watch=DivergenceSpec(window=4))
     while not robot.localiser.lost:
         robot.step()
-        assert robot.heard < 12
+        assert robot.received < 12
     assert "signals of motes" in robot.localiser.lost
 
 
@@ -253,8 +253,8 @@ def test_a_lost_robot_is_found_by_motes_as_soon_as_they_are_enough():
     robot.localiser.lose("it was carried")
     while robot.localiser.arena_fix is None:
         robot.step()
-        assert robot.heard < 90
-    assert robot.heard % 8 == 0
+        assert robot.received < 90
+    assert robot.received % 8 == 0
     assert robot.localiser.lost == "it was carried"
     robot.localiser.place(*robot.localiser.arena_fix)
     assert robot.localiser.lost == ""

@@ -1,4 +1,4 @@
-"""The limits of what a mate may tell of its submaps: how far away, how many surfaces, and what comes last."""
+"""The limits of what a teammate may publish of its submaps: how far away, how many surfaces, and what comes last."""
 
 import zlib
 
@@ -289,11 +289,11 @@ def test_a_finished_submap_has_the_surfaces_that_were_told(count: int) -> None:
     merge_message(atlas, floor())
     assert atlas.submaps[KEY].surfaces is None
     assert merge_message(atlas, finished(surfaces)) == 0
-    told = atlas.submaps[KEY].surfaces
-    assert told is not None
-    assert np.array_equal(told, surfaces)
+    kept = atlas.submaps[KEY].surfaces
+    assert kept is not None
+    assert np.array_equal(kept, surfaces)
     merge_message(atlas, floor(column=1))
-    assert atlas.submaps[KEY].surfaces is told, "later cells do not change the surfaces"
+    assert atlas.submaps[KEY].surfaces is kept, "later cells do not change the surfaces"
 
 
 @pytest.mark.parametrize(
@@ -327,25 +327,25 @@ def patch(robot, row, column, cells, stamp_ms, place=IDENTITY):
 
 @st.composite
 def messages(draw):
-    """What two robots tell: cells of their submaps, mostly newer from one to the next; at times a submap moves."""
-    told, places = [], {"r1": draw(PLACE), "r2": IDENTITY}
+    """Patches of two robots: cells of their submaps, mostly newer from one to the next; at times a submap moves."""
+    patches, places = [], {"r1": draw(PLACE), "r2": IDENTITY}
     for number in range(draw(st.integers(1, 12))):
         robot = draw(st.sampled_from(["r1", "r2"]))
         if draw(st.integers(0, 5)) == 0:
             places[robot] = draw(PLACE)
-            told.append(pose_message(robot, TEAM, 0, places[robot]))
+            patches.append(pose_message(robot, TEAM, 0, places[robot]))
         else:
             at = draw(st.integers(-8, 40)), draw(st.integers(-8, 40))
             if draw(st.integers(0, 9)) == 0:
                 places[robot] = draw(PLACE)  # the patch itself says so
-            told.append(patch(robot, *at, draw(PATCH_CELLS), draw(st.integers(0, 2)) + number // 2, places[robot]))
-    return told
+            patches.append(patch(robot, *at, draw(PATCH_CELLS), draw(st.integers(0, 2)) + number // 2, places[robot]))
+    return patches
 
 
-def take_together(atlas, told):
-    """As a mapper takes the messages of one step."""
+def merge_together(atlas, patches):
+    """Merge as a mapper merges the messages of one step."""
     shared, alone = SharedSteps(atlas), 0
-    for message in told:
+    for message in patches:
         if not shared.add(message):
             alone += 1
             shared.flush()
@@ -370,12 +370,12 @@ def same(one, other, *, versions=True):
 @pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(messages())
-def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: list[MapPatch]) -> None:
+def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(patches: list[MapPatch]) -> None:
     alone, first, second = SubmapAtlas(TEAM), SubmapAtlas(TEAM), SubmapAtlas(TEAM)
-    for message in told:
+    for message in patches:
         merge_message(alone, msgspec.structs.replace(message))
-    take_together(first, told)
-    take_together(second, told)
+    merge_together(first, patches)
+    merge_together(second, patches)
     same(alone, first)
     same(alone, second)
     assert all(second.submaps[key].evidence is submap.evidence for key, submap in first.submaps.items())
@@ -383,10 +383,10 @@ def test_who_shares_steps_has_the_map_of_one_who_computes_each_of_them(told: lis
 
 @pytest.mark.parametrize("missed", [0, 1, 3])
 def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(missed: int) -> None:
-    told = [patch("r1", 4, 4 + 3 * number, np.full((3, 3), OCCUPIED, np.int8), 10 + number) for number in range(5)]
+    patches = [patch("r1", 4, 4 + 3 * number, np.full((3, 3), OCCUPIED, np.int8), 10 + number) for number in range(5)]
     first, other = SubmapAtlas(TEAM), SubmapAtlas(TEAM)
-    take_together(first, told)
-    take_together(other, [message for number, message in enumerate(told) if number != missed])
+    merge_together(first, patches)
+    merge_together(other, [message for number, message in enumerate(patches) if number != missed])
     assert first.grid.known_count == 45
     assert other.grid.known_count == 36
 
@@ -394,12 +394,12 @@ def test_who_has_missed_a_patch_does_not_take_what_others_made_of_the_next(misse
 OWN, OTHER = MapFrame(5, "r1"), MapFrame(7, "r2")
 
 
-def told_in(frame, number=0, place=ASIDE):
+def patch_in(frame, number=0, place=ASIDE):
     return to_message("r1", GEOMETRY, PatchCells(2, 3, CELLS, 1000), number, place, frame)
 
 
 def test_submaps_that_are_moved_together_stay_in_the_map_frame_that_each_is_told_in():
-    atlas = atlas_of(*[told_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
+    atlas = atlas_of(*[patch_in(OWN, number, Pose2D(0.0, 0.0, 0.0)) for number in (0, 1, 2)])
     frames = (OWN, ARENA, OTHER)
     parts = [pose_message("r1", GEOMETRY, number, ASIDE, frame) for number, frame in enumerate(frames)]
     merge_message(atlas, over_the_wire(joined_message("r1", GEOMETRY, parts)))

@@ -41,7 +41,7 @@ def histories(draw):
     return said
 
 
-def tell(atlas, number, statement):
+def merge_statement(atlas, number, statement):
     """`number` grows with what a robot says; several robots may have seen things at the same time."""
     kind, key, (row, column, cells), place = statement
     if kind == "take":
@@ -52,10 +52,10 @@ def tell(atlas, number, statement):
         atlas.withdraw(key)
 
 
-def told(history, order):
+def atlas_after(history, order):
     atlas, next_of = SubmapAtlas(GEOMETRY), dict.fromkeys(ROBOTS, 0)
     for robot in order:
-        tell(atlas, next_of[robot], history[robot][next_of[robot]])
+        merge_statement(atlas, next_of[robot], history[robot][next_of[robot]])
         next_of[robot] += 1
     return atlas
 
@@ -85,9 +85,9 @@ def composed(atlas):
 @given(histories(), st.randoms(use_true_random=False))
 def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random):
     order = [robot for robot in ROBOTS for _ in history[robot]]
-    one = told(history, order)
+    one = atlas_after(history, order)
     random.shuffle(order)
-    other = told(history, order)
+    other = atlas_after(history, order)
     assert np.array_equal(one.grid.classes(), other.grid.classes())
     assert np.array_equal(one.grid.stamp_ms, other.grid.stamp_ms)
 
@@ -97,7 +97,7 @@ def test_in_whatever_order_robots_are_heard_the_map_is_the_same(history, random)
 def test_the_map_is_what_the_rule_says_of_all_submaps_where_they_lie(history, random):
     order = [robot for robot in ROBOTS for _ in history[robot]]
     random.shuffle(order)
-    atlas = told(history, order)
+    atlas = atlas_after(history, order)
     assert np.array_equal(atlas.grid.classes(), composed(atlas))
     assert atlas.grid.known_count == np.count_nonzero(atlas.grid.classes() != UNKNOWN)
 
@@ -116,7 +116,7 @@ def test_no_more_submaps_are_held_than_fit(monkeypatch):
     atlas.withdraw(("r1", 0))
     atlas.withdraw(("r1", 1))
     atlas.merge(("r2", 2), 2, 0, ONE, 5)
-    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was told before those of two others"
+    assert atlas.grid.classes()[2, 0] == OCCUPIED, "its place was published before those of two others"
     atlas.merge(("r2", 4), 4, 0, ONE, 5)
     assert atlas.grid.classes()[4, 2] == OCCUPIED, "the latest places are kept"
 
@@ -159,20 +159,20 @@ BOXES = st.tuples(
 SUBMAPS = st.lists(st.tuples(st.sampled_from(KEYS), BOXES, PLACES, st.sampled_from(FRAMES)), min_size=1, max_size=6)
 
 
-def filled(told, frame=ARENA):
+def filled(submaps, frame=ARENA):
     atlas = SubmapAtlas(GEOMETRY, frame)
-    for number, (key, (row, column, cells), place, its) in enumerate(told):
+    for number, (key, (row, column, cells), place, its) in enumerate(submaps):
         atlas.move(key, place, its)
         atlas.merge(key, row, column, cells, 100 + 10 * number)
     return atlas
 
 
-def only(told, frame):
-    """The map of an atlas that is told nothing of other frames, as if this one were the arena frame."""
-    frames = {key: its for key, _, _, its in told}
-    places = {key: place for key, _, place, _ in told}
+def only(submaps, frame):
+    """The map of an atlas that receives nothing of other frames, as if this one were the arena frame."""
+    frames = {key: its for key, _, _, its in submaps}
+    places = {key: place for key, _, place, _ in submaps}
     atlas = SubmapAtlas(GEOMETRY)
-    for number, (key, (row, column, cells), _, _) in enumerate(told):
+    for number, (key, (row, column, cells), _, _) in enumerate(submaps):
         if frames[key] == frame:
             atlas.move(key, places[key])
             atlas.merge(key, row, column, cells, 100 + 10 * number)
@@ -181,18 +181,18 @@ def only(told, frame):
 
 @settings(deadline=None, max_examples=40)
 @given(SUBMAPS, st.sampled_from(FRAMES))
-def test_the_map_is_that_of_the_submaps_in_its_frame(told, frame):
-    atlas = filled(told, frame)
-    assert np.array_equal(atlas.grid.classes(), only(told, frame))
+def test_the_map_is_that_of_the_submaps_in_its_frame(submaps, frame):
+    atlas = filled(submaps, frame)
+    assert np.array_equal(atlas.grid.classes(), only(submaps, frame))
 
 
 @settings(deadline=None, max_examples=40)
 @given(SUBMAPS, st.sampled_from(FRAMES))
-def test_the_map_of_another_frame_can_be_had_without_changing_ones_own(told, frame):
-    atlas = filled(told)
+def test_the_map_of_another_frame_can_be_had_without_changing_ones_own(submaps, frame):
+    atlas = filled(submaps)
     before, version = atlas.grid.classes(), atlas.grid.version
     composed = atlas.composed(frame)
-    assert np.array_equal(composed.classes(), filled(told, frame).grid.classes())
+    assert np.array_equal(composed.classes(), filled(submaps, frame).grid.classes())
     assert composed is not atlas.grid
     assert np.array_equal(atlas.grid.classes(), before)
     assert atlas.grid.version == version
@@ -238,12 +238,12 @@ def test_a_submap_of_the_largest_side_is_taken_and_none_larger(rows: int, column
 
 @settings(deadline=None, max_examples=40)
 @given(SUBMAPS, st.lists(st.sampled_from(FRAMES), min_size=1, max_size=3))
-def test_in_whatever_frames_it_was_drawn_before_the_map_is_the_same(told, frames):
-    atlas = filled(told)
+def test_in_whatever_frames_it_was_drawn_before_the_map_is_the_same(submaps, frames):
+    atlas = filled(submaps)
     for frame in frames:
         atlas.change_frame(frame)
         assert atlas.frame == frame
-        expected = filled(told, frame).grid
+        expected = filled(submaps, frame).grid
         assert np.array_equal(atlas.grid.classes(), expected.classes())
         assert np.array_equal(atlas.grid.stamp_ms, expected.stamp_ms)
         assert atlas.grid.known_count == expected.known_count
@@ -252,9 +252,9 @@ def test_in_whatever_frames_it_was_drawn_before_the_map_is_the_same(told, frames
 @pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(SUBMAPS, st.dictionaries(st.sampled_from(KEYS), PLACES, max_size=4), st.sampled_from(FRAMES))
-def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one(told, places, frame):
+def test_submaps_that_are_moved_into_a_frame_together_lie_as_if_moved_one_by_one(submaps, places, frame):
     for drawn in FRAMES:
-        together, singly = filled(told, drawn), filled(told, drawn)
+        together, singly = filled(submaps, drawn), filled(submaps, drawn)
         together.move_all(places, frame)
         for key, place in places.items():
             singly.move(key, place, frame)

@@ -40,7 +40,7 @@ def test_without_loop_closures_no_submap_is_moved():
 def test_a_closure_moves_a_submap_to_where_a_mate_says_and_those_before_it_by_their_share():
     graph = walked(Pose2D(0.0, 0.0, 0.0), Pose2D(4.0, 0.0, 0.0), Pose2D(8.0, 0.0, 0.0))
     assert graph.rests_on("r2") is False
-    # The mate's submap lies 0.1 m farther along than this robot's own map has it.
+    # The teammate's submap lies 0.1 m farther along than this robot's own map has it.
     graph.close(12, Pose2D(8.5, 0.0, 0.0), MATE, Pose2D(8.5, 0.0, 0.0), SURE)
     assert graph.has_news
     assert graph.rests_on("r2")
@@ -250,13 +250,13 @@ def test_a_closure_adds_its_information_to_what_was_known(seed):
     """Whatever is correlated with what, on either side."""
     rng = np.random.default_rng(seed)
     prior, information = (root @ root.T + 0.3 * np.eye(3) for root in rng.normal(size=(2, 3, 3)))
-    mates = rng.uniform(0.1, 1.0, 3)
+    teammates = rng.uniform(0.1, 1.0, 3)
     graph = SubmapGraph("r1", GraphSpec())
     graph.begin(10, IDENTITY, IDENTITY, 0, prior)
     graph.close(10, IDENTITY, MATE, IDENTITY, information)
-    graph.solve(at_home, lambda _key: tuple(mates.tolist()))
-    told = np.linalg.inv(np.linalg.inv(information) + np.diag(mates))
-    assert graph.own[10].covariance == pytest.approx(np.linalg.inv(np.linalg.inv(prior) + told), rel=1e-4, abs=1e-6)
+    graph.solve(at_home, lambda _key: tuple(teammates.tolist()))
+    shared = np.linalg.inv(np.linalg.inv(information) + np.diag(teammates))
+    assert graph.own[10].covariance == pytest.approx(np.linalg.inv(np.linalg.inv(prior) + shared), rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize(

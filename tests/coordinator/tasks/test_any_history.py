@@ -32,7 +32,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("submit"), st.sampled_from(TASKS), st.sampled_from([None, 2.0, 20.0])),
     st.tuples(st.just("run"), st.sampled_from([0.1, 0.5, 1.0, 2.5])),
     st.tuples(st.just("run"), st.sampled_from([0.1, 0.5, 1.0, 4.0])),
-    st.tuples(st.just("takes"), robots, st.sampled_from([0.3, 2.0, 5.0])),
+    st.tuples(st.just("slows"), robots, st.sampled_from([0.3, 2.0, 5.0])),
     st.tuples(st.just("trouble"), robots, st.sampled_from(TROUBLE)),
     st.tuples(st.just("while_one_is_held"), st.sampled_from(TROUBLE), st.sampled_from([0.3, 1.8, 3.0, 6.0])),
     st.tuples(st.just("deaf"), robots),
@@ -80,7 +80,7 @@ class History:
             self.team.run(STEP_S)
             self.check_robots()
 
-    def takes(self, robot, duration_s):
+    def slows(self, robot, duration_s):
         self.robots[robot].takes_s = duration_s
 
     def trouble(self, robot, what):
@@ -144,10 +144,10 @@ class History:
             assert all(state is TaskState.OFFERED for _, state in bound[1:]), bound
 
     def finish(self):
-        """All robots are well again, and do what they are told: every task comes to an end."""
+        """All robots are well again and obey: every task comes to an end."""
         for robot in range(len(ROBOTS)):
             self.well(robot)
-            self.takes(robot, 2.0)
+            self.slows(robot, 2.0)
         for _ in range(round(LONGEST_S / 1.0)):
             if all(state.ended for state in self.team.states().values()):
                 break

@@ -47,8 +47,8 @@ def run_of(duration_s: float = 100.0, name: str = "run", messages: int = 0, **fi
 def robot_of(name: str, **columns: list[float]) -> RobotRun:
     length = max(map(len, columns.values()))
     blank = {field: [NAN] * length for field in ("x_m", "y_m", "soc", "soc_sd", "measured_j", "predicted_j")}
-    told = {"t_s": [10.0 * k for k in range(length)], **blank, **columns}
-    return RobotRun(name, **{field: array("d", values) for field, values in told.items()})  # type: ignore[arg-type]
+    filled = {"t_s": [10.0 * k for k in range(length)], **blank, **columns}
+    return RobotRun(name, **{field: array("d", values) for field, values in filled.items()})  # type: ignore[arg-type]
 
 
 def robots_of(*robots: RobotRun) -> dict[str, RobotRun]:
@@ -278,7 +278,7 @@ def test_the_messages_and_bytes_of_each_topic_are_summed_over_its_keys() -> None
     assert row_names(left) == ["halt", "robot state"]
 
 
-def told_run(name: str = "run", **fields: Any) -> RunData:
+def sample_run(name: str = "run", **fields: Any) -> RunData:
     one, two = robot_of("r1", x_m=[0.0]), robot_of("r2", x_m=[0.0])
     one.distance_m, one.energy_j, one.collisions = 10.0, 2500.0, 1
     two.distance_m, two.energy_j, two.collisions = 5.0, 500.0, 2
@@ -297,7 +297,7 @@ def told_run(name: str = "run", **fields: Any) -> RunData:
 
 
 def test_totals_are_summed_over_what_was_told() -> None:
-    run = told_run()
+    run = sample_run()
     run.map.atlas = SubmapAtlas(GridGeometry(0.5, 0.0, 0.0, 4, 4))
     run.map.grid.known_count = 6
     found = totals(run)
@@ -313,7 +313,7 @@ def test_totals_are_summed_over_what_was_told() -> None:
 
 
 def test_report_and_diff_count_the_tasks_that_were_asked_for() -> None:
-    run = told_run()
+    run = sample_run()
     for kind in ("explore", "recharge"):  # the coordinator's own
         for state in ("done", "failed"):
             run.tasks[f"{kind}-{state}"] = TaskRun(f"{kind}-{state}", kind, state)
@@ -324,7 +324,7 @@ def test_report_and_diff_count_the_tasks_that_were_asked_for() -> None:
 
 
 def test_runs_are_compared_by_bars_from_zero_a_panel_for_each_total() -> None:
-    runs = [told_run("one"), run_of(100.0, "two", messages=40)]
+    runs = [sample_run("one"), run_of(100.0, "two", messages=40)]
     figure = comparison_figure(runs)
     panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
     assert list(panels) == ["Duration (s)", "Explored (%)", "Distance (m)", "Tasks done", "Energy (kJ)", "Messages"]
@@ -336,7 +336,7 @@ def test_runs_are_compared_by_bars_from_zero_a_panel_for_each_total() -> None:
 
 
 def off(name: str, *errors_m: float, silent: tuple[int, ...] = ()) -> RobotRun:
-    """A robot whose errors are told every 10 s."""
+    """A robot whose errors are reported every 10 s."""
     robot = RobotRun(name)
     robot.error_t_s = array("d", [10.0 * k for k in range(len(errors_m))])
     robot.error_m = array("d", errors_m)

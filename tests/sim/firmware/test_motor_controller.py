@@ -45,12 +45,12 @@ class Desk:
     def frames(self):
         return list(iter(lambda: self.host.recv(timeout=0), None))
 
-    def heard(self, name):
+    def received(self, name):
         frames = self.frames()
         return [codec(name).unpack(frame) for frame in frames if frame.arbitration_id == codec(name).arbitration_id]
 
     def statuses(self):
-        return self.heard("MotorStatus")
+        return self.received("MotorStatus")
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_wheels_stop_200_ms_after_the_last_command(desk):
     assert desk.controller.wheel_speeds_rad_s == pytest.approx(SPEEDS)
     desk.tick()
     assert desk.controller.wheel_speeds_rad_s == STANDING
-    assert desk.heard("MotorStatus")[-1]["state"] == MotorState.WATCHDOG
+    assert desk.received("MotorStatus")[-1]["state"] == MotorState.WATCHDOG
 
 
 def test_every_command_winds_the_watchdog_up_again(desk):
@@ -95,7 +95,7 @@ def test_corrupt_frames_are_counted_and_not_believed(desk):
     desk.host.send(can.Message(arbitration_id=short.arbitration_id, data=short.data[:7], is_extended_id=False))
     desk.tick()
     assert desk.controller.wheel_speeds_rad_s == STANDING
-    assert desk.heard("MotorStatus")[-1]["rejected_frames"] == 9
+    assert desk.received("MotorStatus")[-1]["rejected_frames"] == 9
 
 
 def test_a_corrupt_stop_is_counted_and_does_not_stop(desk):
@@ -122,7 +122,7 @@ def test_a_latched_stop_refuses_commands_until_it_is_released(desk):
     desk.command()
     desk.tick()
     assert desk.controller.wheel_speeds_rad_s == STANDING
-    assert desk.heard("MotorStatus")[-1]["state"] == MotorState.LATCHED
+    assert desk.received("MotorStatus")[-1]["state"] == MotorState.LATCHED
     desk.stop(latched=False)
     desk.command()
     desk.tick()
@@ -155,14 +155,14 @@ def test_encoders_count_at_50_hz_and_the_status_comes_at_5_hz_and_on_change(desk
     desk.tick(3)
     desk.command()
     desk.tick()
-    assert [status["state"] for status in desk.heard("MotorStatus")] == [MotorState.WATCHDOG, MotorState.RUNNING]
+    assert [status["state"] for status in desk.received("MotorStatus")] == [MotorState.WATCHDOG, MotorState.RUNNING]
 
 
 def test_encoders_wrap_at_65536_in_both_directions(desk):
     per_tick_rad = OmniBase().rad_per_tick
     desk.turns_rad = [65536.5 * per_tick_rad, -0.5 * per_tick_rad, 10.5 * per_tick_rad]
     desk.tick()
-    counts = desk.heard("WheelEncoders")[0]
+    counts = desk.received("WheelEncoders")[0]
     assert [counts[f"wheel_{wheel}_ticks"] for wheel in (1, 2, 3)] == [0, 65535, 10]
 
 
