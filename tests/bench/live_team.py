@@ -115,6 +115,6 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
 
 def await_ready(child: Child) -> None:
     """Wait for the first line that a process says (ChildFailed if it ends before, or says nothing)."""
-    wait_for(lambda: child.lines or child.status is not None, f"{child.name} said nothing")
+    wait_for(lambda: child.lines or child.status is not None, f"{child.name} printed nothing")
     if not child.lines:
         raise ChildFailed(f"{child.name} did not start")

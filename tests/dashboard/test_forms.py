@@ -138,7 +138,7 @@ def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("typed", "said"),
+    ("typed", "error"),
     [
         ({}, "distance_m: expected a number, got nothing"),
         ({"distance_m": "far"}, "distance_m: expected a number, got 'far'"),
@@ -149,7 +149,7 @@ def test_schema_of_a_stranger_makes_no_trouble(schema: dict[str, object]) -> Non
         ({"distance_m": "1", "place.x_m": "1", "place.y_m": "1", "points": "[["}, "points: expected a value in JSON"),
     ],
 )
-def test_mistake_names_the_field(typed: dict[str, str], said: str) -> None:
+def test_mistake_names_the_field(typed: dict[str, str], error: str) -> None:
     with pytest.raises(ValueError, match="expected") as mistake:
         arguments_of(FIELDS, typed)
-    assert str(mistake.value).startswith(said)
+    assert str(mistake.value).startswith(error)

@@ -24,7 +24,7 @@ START_S = 0.4
 """Limit for a start that hangs; any other has all the time that a busy machine takes."""
 LONG_S = 4 * PATIENCE_S
 GO = threading.Event()
-"""Lets go what hangs; modules that are imported anew have the same one."""
+"""Releases what hangs; modules that are imported again have the same one."""
 
 SHOP = """
     from tests.agent.lifecycle.test_start_live import GO

@@ -143,8 +143,8 @@ ROWS = [
 
 @pytest.mark.parametrize(("theirs", "mine", "is_greater", "newer", "action"), ROWS)
 def test_action_is_that_of_the_table(theirs: str, mine: str, is_greater: bool, newer: str, action: str) -> None:
-    said, known = bid(theirs, HIGHER if is_greater else LOWER), bid(mine, LOWER if is_greater else HIGHER)
-    assert action_for("i", "k", known, said, lambda robot: robot in newer) == action
+    received, known = bid(theirs, HIGHER if is_greater else LOWER), bid(mine, LOWER if is_greater else HIGHER)
+    assert action_for("i", "k", known, received, lambda robot: robot in newer) == action
 
 
 def test_of_equal_bids_that_of_the_lesser_name_counts_as_greater() -> None:

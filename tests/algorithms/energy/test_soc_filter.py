@@ -143,7 +143,7 @@ def test_a_load_leaves_charge_behind_at_the_end():
     # 90 s of 2 A are a tenth of 1800 C; below it lies an area of 1.22 V.
     mean_j, sd_j = straight(rate_loss_s=90.0).remaining_j()
     assert mean_j == pytest.approx(RATED_C * HEALTH * (6.5 - 1.22))
-    # Half of what is left behind is its standard deviation.
+    # The standard deviation is half of the remaining charge.
     assert sd_j == pytest.approx(RATED_C * HEALTH * 14.0 * 0.05)
 
 

@@ -125,7 +125,7 @@ HERE = Pose2D(10.0, 6.0, 0.0)
 
 
 class Listener:
-    """A robot that drives a curve and hears a mote with each step, where it really is."""
+    """A robot that drives a curve and receives a mote at its true pose with each step."""
 
     def __init__(self, true=HERE, believed=HERE, **spec):
         self.true = true
@@ -191,7 +191,7 @@ def others_map() -> OccupancyGrid:
 
 
 def beams(at_wall: int, on_floor: int, beyond: int = 0) -> np.ndarray:
-    """Ends of so many beams at the wall, short of it, and where nothing is known, sensor's frame."""
+    """End points of beams, sensor's frame: numbers at the wall, short of it, and where nothing is known."""
     ends_m = [2.0] * at_wall + [1.2] * on_floor + [0.0] * beyond
     points = np.array([(0.1 * n - 1.0, y_m) for n, y_m in enumerate(ends_m)])
     points[at_wall + on_floor :] = (-30.0, 0.0)
@@ -214,8 +214,8 @@ def test_a_start_is_false_if_the_map_knows_the_place_and_most_of_what_is_seen_is
     at_wall: int, on_floor: int, beyond: int, is_decided: bool, is_lost: bool
 ) -> None:
     localiser, others = located(START), others_map()
-    said = localiser.check_start(others.log_odds, others.geometry, beams(at_wall, on_floor, beyond))
-    assert said is is_decided
+    verdict = localiser.check_start(others.log_odds, others.geometry, beams(at_wall, on_floor, beyond))
+    assert verdict is is_decided
     assert bool(localiser.lost) == is_lost
     assert localiser.beginnings == is_lost
 

@@ -113,18 +113,18 @@ def drawn_scan(rng, *, outside=0.5):
     count = int(rng.integers(0, 25))
     ranges_m = rng.uniform(0.05, 1.1 * RANGE_M, count)
     ranges_m[rng.random(count) < 0.1] = rng.choice([math.inf, math.nan, 0.0, -1.0, RANGE_M])
-    mates = rng.uniform((-1.0, 0.6, 0.1), (3.8, 4.0, 0.5), (int(rng.integers(0, 3)), 3))
+    teammates = rng.uniform((-1.0, 0.6, 0.1), (3.8, 4.0, 0.5), (int(rng.integers(0, 3)), 3))
     sensor = Pose2D(float(x_m), float(y_m), float(rng.uniform(-3.1, 3.1)))
     drift = tuple(rng.uniform(0.0, 0.1, 2).tolist())
-    return sensor, rng.uniform(-3.1, 3.1, count), ranges_m, RANGE_M, int(rng.integers(1, 1000)), mates, drift
+    return sensor, rng.uniform(-3.1, 3.1, count), ranges_m, RANGE_M, int(rng.integers(1, 1000)), teammates, drift
 
 
 def repeated(rng, scan):
     """The same place and ranges once more, from a little beside: walls are hit again."""
-    sensor, angles_rad, ranges_m, range_max_m, _, mates, drift = scan
+    sensor, angles_rad, ranges_m, range_max_m, _, teammates, drift = scan
     dx_m, dy_m = rng.normal(0.0, 0.05, 2)
     beside = Pose2D(sensor.x_m + dx_m, sensor.y_m + dy_m, sensor.yaw_rad)
-    return beside, angles_rad, ranges_m, range_max_m, int(rng.integers(1, 1000)), mates, (drift[0] + 1.0, drift[1])
+    return beside, angles_rad, ranges_m, range_max_m, int(rng.integers(1, 1000)), teammates, (drift[0] + 1.0, drift[1])
 
 
 def assert_equal(grid, reference):

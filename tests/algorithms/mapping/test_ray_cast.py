@@ -103,7 +103,7 @@ MIRRORS = SOLID | MIRROR_WEST | MIRROR_EAST | MIRROR_SOUTH | MIRROR_NORTH
 
 
 def floor(x_m=None, surface=SOLID, cells=1):
-    """A floor with a wall along y of so many cells from x, all of one surface."""
+    """A floor with a wall of `cells` cells along y, at x, of one surface."""
     surfaces = np.zeros(GEOMETRY.shape, np.uint8)
     if x_m is not None:
         column = GEOMETRY.cell_of(x_m + 0.01, 0.0)[1]

@@ -41,7 +41,7 @@ def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> T
 
 
 def inputs(records=("t1",), members=None, pauses=(("t1", "r2"),), area_m2: float = AREA_M2) -> PlanInputs:
-    """Of a plan for r1 and the task t1, which r2 refused, unless said otherwise."""
+    """Of a plan for r1 and the task t1, which r2 refused, unless stated otherwise."""
     records = [record(one) if isinstance(one, str) else one for one in records]
     return PlanInputs(records, {"r1": member()} if members is None else members, pauses, area_m2)
 
@@ -51,7 +51,7 @@ def cause(before: PlanInputs, *, left_out: int = 0, **now) -> str:
 
 
 @pytest.mark.parametrize(
-    ("now", "told"),
+    ("now", "expected"),
     [
         ({}, ""),
         ({"records": ["t1", "t2"]}, "t2 is queued"),
@@ -71,8 +71,8 @@ def cause(before: PlanInputs, *, left_out: int = 0, **now) -> str:
         ({"area_m2": LIMIT_M2 + 1.0}, ""),
     ],
 )
-def test_what_has_changed_since_the_plan_is_told(now, told):
-    assert cause(inputs(), **now) == told
+def test_a_change_since_the_plan_is_its_cause(now, expected):
+    assert cause(inputs(), **now) == expected
 
 
 def test_a_task_that_was_begun_as_planned_is_no_news():

@@ -1,6 +1,6 @@
 """A ROS 2 program in a process of its own, written with `zenoh-ros2-sdk`, which knows nothing of robrain.
 
-It publishes, subscribes, serves and calls, and prints what it hears, a JSON object a line. `call` on its
+It publishes, subscribes, serves and calls, and prints each message as a JSON object on a line. `call` on its
 input has it call robrain's service; it ends with its input.
 """
 

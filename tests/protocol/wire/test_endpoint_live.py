@@ -155,16 +155,16 @@ class KeysAsked:
 
 
 def test_what_is_asked_without_waiting_is_asked_by_keys_that_were_declared_once(team):
-    told = []
+    answered = []
     for name in ("r1", "r2"):
-        team.join().answer(ROBOT_PLUGINS, lambda _: told.append(1) or [], robot=name)
+        team.join().answer(ROBOT_PLUGINS, lambda _: answered.append(1) or [], robot=name)
     asker, inbox = team.join(), Inbox()
     asker.session = session = KeysAsked(asker.session)
 
     def ask():
         asker.ask_into(inbox, ROBOT_PLUGINS, ROBOT_PLUGINS, robot="r1")
         inbox.drain()
-        return len(told) > 2
+        return len(answered) > 2
 
     until(ask)
     assert all(isinstance(key, zenoh.KeyExpr) for key in session.keys)

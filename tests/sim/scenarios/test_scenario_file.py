@@ -64,11 +64,11 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("text", "told"), WRONG.values(), ids=WRONG)
-def test_a_wrong_scenario_is_told_in_one_sentence_with_file_and_key(text, told):
+@pytest.mark.parametrize(("text", "expected"), WRONG.values(), ids=WRONG)
+def test_a_wrong_scenario_is_refused_in_one_sentence_with_file_and_key(text, expected):
     with pytest.raises(ScenarioError) as error:
         Scenario.from_toml(GOOD + text, "mine.toml")
-    assert str(error.value).startswith(f"mine.toml: {told}")
+    assert str(error.value).startswith(f"mine.toml: {expected}")
     assert "\n" not in str(error.value)
 
 
@@ -90,12 +90,12 @@ IMPOSSIBLE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "told"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
-def test_what_a_world_has_no_room_or_party_for_is_told(text, told):
+@pytest.mark.parametrize(("text", "expected"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_a_place_or_party_that_a_world_lacks_is_refused(text, expected):
     good = GOOD if text else GOOD.replace("8.0, 6.0", "1.5, 1.5").replace("= 2", "= 9")
     with pytest.raises(ScenarioError) as error:
         Scenario.from_toml(good + text).world()
-    assert told in str(error.value)
+    assert expected in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -107,12 +107,12 @@ def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    for path, told in (
+    for path, expected in (
         ("nothing.toml", "no such scenario file"),
         ("", "cannot be read"),
         ("bytes.toml", "cannot be read"),
     ):
-        with pytest.raises(ScenarioError, match=told):
+        with pytest.raises(ScenarioError, match=expected):
             read_scenario_file(tmp_path / path)
 
 

@@ -1,4 +1,4 @@
-"""What is said on the wire is valid against what `robrain wire` prints, by a validator that is not ours."""
+"""Messages on the wire are valid by the schema of `robrain wire`, as an independent validator finds."""
 
 import json
 from collections import Counter
