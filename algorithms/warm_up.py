@@ -95,8 +95,11 @@ def _walls() -> NDArray[np.bool_]:
 
 def _scans() -> None:
     angles_rad = np.array([0.0, 1.0])
-    ranges_m = cast_rays(_walls(), GEOMETRY, SENSOR, angles_rad, 1.0, CIRCLES)
-    _seen_grid(angles_rad, ranges_m).pop_patch()
+    _seen_grid(angles_rad, cast_rays(_walls(), GEOMETRY, SENSOR, angles_rad, 1.0, CIRCLES)).pop_patch()
+
+
+def _glass() -> None:
+    cast_rays(_walls(), GEOMETRY, SENSOR, np.array([0.0, 1.0]), 1.0, CIRCLES, echo_rad=0.1)
 
 
 def _seen_grid(angles_rad: Floats, ranges_m: Floats) -> OccupancyGrid:
@@ -114,15 +117,13 @@ def _obstacles() -> None:
 
 
 def _frontiers() -> None:
-    walls = _walls()
     classes = OccupancyGrid(GEOMETRY).classes()
     find_frontiers(classes)
-    measure_map_accuracy(classes, GEOMETRY, walls, GEOMETRY)
+    measure_map_accuracy(classes, GEOMETRY, _walls(), GEOMETRY)
 
 
 def _paths() -> None:
-    walls = _walls()
-    traversable = clearance_m(walls, GEOMETRY.resolution_m, 0.5) > 0
+    traversable = clearance_m(_walls(), GEOMETRY.resolution_m, 0.5) > 0
     cost = np.ones(GEOMETRY.shape, np.float32)
     start = nearest_traversable(traversable, (0, 7), 2) or (0, 0)
     path = plan_path(traversable, cost, start, (3, 0))
@@ -266,6 +267,7 @@ PARTS: dict[str, KernelPart] = {
     "finding by motes": KernelPart(_finding_by_motes, at_start=True),
     "scan matches": KernelPart(_scan_matches, at_start=False),
     "place search": KernelPart(_place_search, at_start=False),
+    "glass": KernelPart(_glass, at_start=False),
     "escapes": KernelPart(_escapes, at_start=False),
     "map overlap": KernelPart(_map_overlap, at_start=False),
 }
