@@ -151,10 +151,6 @@ class MotionRunner(Unit):
         self._wheels: WheelsInterface | None = None
         with suppress(AccessDenied):  # a base that takes velocities alone
             self._wheels = self.env.use("mocdevice", WheelsInterface)
-        with suppress(AccessDenied):  # the manifest does not require it
-            self._scan = self.env.use("scan", ScanInterface)
-        with suppress(AccessDenied):
-            self._imu = self.env.use("imu", ImuInterface)
 
     @property
     def has_wheels(self) -> bool:
@@ -337,6 +333,22 @@ class MotionRunner(Unit):
     def _end(self, now_ns: int) -> None:
         self._moc.stop()
         self._ended_ns = now_ns
+
+
+class FloorRunner(MotionRunner):
+    """With the lidar."""
+
+    def activate(self) -> None:
+        super().activate()
+        self._scan = self.env.use("scan", ScanInterface)
+
+
+class ImuRunner(FloorRunner):
+    """With the lidar and the inertial measurement unit."""
+
+    def activate(self) -> None:
+        super().activate()
+        self._imu = self.env.use("imu", ImuInterface)
 
 
 def _append_newer(samples: list[Any], newest: LaserScan | ImuSample | None) -> None:

@@ -5,14 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import can
+import msgspec
 import pytest
 
 from robrain.agent.errors import AccessDenied
 from robrain.deploy.bringup.bench import (
     BASE,
     DRIVER,
+    DeviceAbsent,
     MotionFailed,
     MotionRunner,
+    Rest,
     StopMode,
     Straight,
     TurnOnSpot,
@@ -79,6 +82,18 @@ def test_closing_the_bench_stops_the_wheels(bench: LockstepBench) -> None:
     bench._end_host()
     bench.pass_time(0.04)
     assert not any(wheels(bench))
+
+
+def test_a_lidar_that_may_not_be_used_is_reported_and_not_left_out(tmp_path: Path) -> None:
+    text = '[plugin]\nclass = "robrain.plugins.device.scan.scan:ScanDevice"\nrole = "scan"\n[tag]\nvisibility = []\n'
+    (tmp_path / "hidden.toml").write_text(text)
+    world = BroughtUp(tmp_path, {}).world
+    robot_file = world.robot_file(world.robots[0])
+    table = msgspec.structs.replace(robot_file.robot, places=[str(tmp_path)], roles={"scan": "hidden"})
+    with LockstepBench(world) as bench:
+        bench.start(msgspec.structs.replace(robot_file, robot=table), with_lidar=True)
+        with pytest.raises(DeviceAbsent, match="driver is not in the visibility of"):
+            bench.perform(Rest(0.1))
 
 
 class OnWheels(BareDriver):
