@@ -167,8 +167,9 @@ class Listening:
 
     def open(self) -> Endpoint:
         """A new endpoint of the team."""
-        self._open.append(_RecordedEndpoint(self._transport))
-        return self._open[-1]
+        wire = _RecordedEndpoint(self._transport)
+        self._open.append(wire)
+        return wire
 
     def until_done(self, wire: Endpoint, items: Iterator[T]) -> Iterator[T]:
         """The items, after which the endpoint is closed."""

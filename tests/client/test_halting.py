@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from robrain import NobodyThere, Team
-from robrain.client.transport import Transport
+from robrain.client.transport import Listening, Transport
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
@@ -114,3 +114,18 @@ def test_names_and_reasons_are_cut_to_what_a_halt_may_carry(transport: ScriptedT
         team.halt(reason="b" * 5000)
     (halt,) = transport.heard()
     assert (len(halt.by), len(halt.reason)) == (64, 200)
+
+
+def test_endpoints_that_two_threads_open_at_once_are_two(transport: ScriptedTransport) -> None:
+    listening = Listening(transport)
+    others: list[Endpoint] = []
+
+    class Interrupted(list[Endpoint]):
+        def append(self, wire: Endpoint) -> None:
+            super().append(wire)
+            if len(self) == 1:
+                others.append(listening.open())  # another thread's, at the worst moment
+
+    listening._open = Interrupted()
+    assert listening.open() is not others[0]
+    listening.close()
