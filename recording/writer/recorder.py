@@ -116,7 +116,7 @@ class RecorderReports:
         now_ns = self._clock.now_ns()
         duration_s = to_seconds(now_ns - self._began_ns)
         slow = duration_s > SLOW_S
-        due = self._published_ns is None or not 0 <= now_ns - self._published_ns < STATE_NS
+        due = self._published_ns is None or now_ns - self._published_ns >= STATE_NS
         if slow:
             logger.warning("recording is slow: writing took %.1f s, %s", duration_s, SLOW)
         if (due and (self._thread is not None or lost > self._lost_reported)) or slow:
