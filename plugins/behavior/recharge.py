@@ -6,7 +6,7 @@ energy suffices again.
 """
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -101,8 +101,8 @@ class Queue:
         return {"reached": True}
 
     def wait(self) -> Part:
-        """Stand near a charger, off all paths, until one is free."""
-        yield from self.move_aside()
+        """Stand near a usable charger, off all paths, until one is free: its robot gives way to one that waits near."""
+        yield from self.move_aside(self._usable())
         while (usable := self._usable()) and not self._free(usable):
             self._errand.travel.make_room()
             yield
@@ -127,9 +127,9 @@ class Queue:
         self._given[charger.place] = self._now_ns() + to_ns(GIVEN_S)
         yield from self.move_aside()
 
-    def move_aside(self) -> Script:
-        """Go where others can get to every charger, if the robot is not at such a place."""
-        place = self._aside()
+    def move_aside(self, beside: Sequence[ChargerPlace] = ()) -> Script:
+        """Go near one of these chargers, or of all, where others get to every charger, if the robot is not there."""
+        place = self._aside(beside or self._known())
         if place is not None:
             try:
                 yield from self._errand.go(place)
@@ -137,12 +137,13 @@ class Queue:
                 self._errand.travel.stop()  # here, then
         return {}
 
-    def _aside(self) -> Point2D | None:
-        """The nearest place beside a charger with room to wait; None if the robot need not, or cannot, go to one."""
+    def _aside(self, beside: Sequence[ChargerPlace]) -> Point2D | None:
+        """The nearest place beside one of these chargers with room to wait; None if it need not, or cannot, go there."""
         travel, chargers = self._errand.travel, self._known()
         pose = travel.pose()
-        nearest = min(chargers, key=lambda charger: pose.distance_m(charger.place))
-        if CLEAR_M <= pose.distance_m(nearest.place) <= NEAR_M:
+        nearest = min(beside, key=lambda charger: pose.distance_m(charger.place))
+        is_clear = all(pose.distance_m(charger.place) >= CLEAR_M for charger in chargers)
+        if is_clear and pose.distance_m(nearest.place) <= NEAR_M:
             return None
         radius_m = travel.driver.radius_m()
         occupied = [(charger.place, CLEAR_M) for charger in chargers]

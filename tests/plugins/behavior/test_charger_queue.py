@@ -210,6 +210,16 @@ def test_robot_waits_and_makes_room_until_a_charger_is_free_or_all_are_left_out(
     assert run(one.wait(), 5) is None
 
 
+def test_robot_waits_beside_a_charger_that_is_of_use_where_its_robot_sees_it():
+    errand, one = queue(ChargerPlace(30.0, 0.0))
+    errand.at = Pose2D(3.0, 0.0, 0.0)
+    errand.others = [other("r1", 30.0, 0.0)]
+    one.leave_out(WANTED, "it gives nothing")
+    run(one.wait(), 2)
+    (place,) = errand.gone
+    assert CLEAR_M <= place.distance_m(Point2D(30.0, 0.0)) <= NEAR_M
+
+
 STEP_S = 0.25
 
 
