@@ -11,8 +11,10 @@ from robrain.client.transport import Listening, Transport
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.links.publisher import Publisher
+from robrain.protocol.messages.robots.host_messages import HOST_HALT, HaltAnswer
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
-from robrain.protocol.messages.team.team_messages import HALT, Halt
+from robrain.protocol.messages.team import team_messages
+from robrain.protocol.messages.team.team_messages import HALT, Halt, RobotSummary, TeamState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
 
@@ -23,6 +25,8 @@ class ScriptedTransport(Transport):
 
     session: zenoh.Session
     said: list[RobotState] = field(default_factory=list)
+    summary: TeamState | None = None
+    """Of a coordinator, after a second."""
     drive = Drive.LOCKSTEP
     team = "default"
 
@@ -31,6 +35,7 @@ class ScriptedTransport(Transport):
         self.wire = Endpoint(self.session, self.team, self.clock, self.drive)
         self.halts = Inbox()
         self.wire.subscribe(self.halts, HALT)
+        self._summaries = self.wire.publisher(team_messages.COORDINATOR_STATE)
         self._states = {name: self.wire.publisher(ROBOT_STATE, robot=name) for name in ("r1", "r2")}
 
     def elapsed_s(self) -> float:
@@ -40,6 +45,8 @@ class ScriptedTransport(Transport):
         self.clock.advance_to(self.clock.now_ns() + to_ns(seconds))
         for state in self.said:
             self._states[state.robot].put(state)
+        if self.summary is not None and self.elapsed_s() > 1.0:
+            self._summaries.put(self.summary)
 
     def close(self) -> None:
         self.wire.close()
@@ -99,13 +106,33 @@ def test_a_halt_is_sent_again_while_a_robot_has_not_stopped(transport: ScriptedT
         assert len(transport.heard()) == 1
 
 
+def test_a_halt_is_not_confirmed_before_the_coordinator_has_listed_its_robots_also_those_out_of_reach(
+    transport: ScriptedTransport,
+) -> None:
+    transport.said = [RobotState(robot="r1", halted=True)]
+    transport.wire.token(team_messages.COORDINATOR_ALIVE)
+    robots = [RobotSummary(name="r1", up=True, age_s=0.1), RobotSummary(name="r2", up=False, age_s=9.0, why="silent")]
+    transport.summary = TeamState(robots=robots)
+    with Team(transport, by="ann") as team:
+        report = team.halt()
+    assert report.confirmed == ("r1",)
+    assert report.unconfirmed == {"r2": "silent"}
+
+
+def test_a_single_robot_whose_plugin_does_not_stop_is_not_confirmed(transport: ScriptedTransport) -> None:
+    answer = HaltAnswer(robot="r1", halted=True, not_halted=["arm"])
+    transport.wire.answer(HOST_HALT, lambda _request: answer, robot="r1")
+    with Team(transport, by="ann") as team:
+        assert team.halt("r1").unconfirmed == {"r1": "plugins that did not stop: arm"}
+
+
 def test_a_halt_of_nobody_is_sent_and_told(transport: ScriptedTransport) -> None:
     with (
         Team(transport, by="ann") as team,
         pytest.raises(NobodyThere, match="no robot of team default is there; the message was sent anyway"),
     ):
         team.halt()
-    assert transport.heard()
+    assert len(transport.heard()) == 10  # the first ones may be lost before the robots are known
 
 
 def test_names_and_reasons_are_cut_to_what_a_halt_may_carry(transport: ScriptedTransport) -> None:

@@ -160,6 +160,13 @@ def test_what_a_robot_did_before_a_halt_is_over_and_it_is_idle_afterwards(robot)
     assert inbox.drain()[-1].message.behavior == "visit"
 
 
+def test_a_halted_robot_reports_which_halt_of_the_team_it_obeys_for_a_coordinator_that_missed_it(robot):
+    inbox = Inbox()
+    robot.wire.subscribe(inbox, ROBOT_STATE)
+    halt(robot, halted=True)
+    assert inbox.drain()[-1].message.team_halt_ns > 0
+
+
 # -- who may end it -----------------------------------------------------------------------------------------
 
 

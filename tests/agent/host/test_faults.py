@@ -217,7 +217,9 @@ def test_restart_waits_for_the_end_of_a_halt(house):
     bench = house(restart="on-failure", backoff_s=0.5)
     fault(bench, 0)
     bench.manager.halt()
+    starts = len(bench.starts)
     assert not runs(bench, to_ns(10.0))
+    assert len(bench.starts) == starts
     bench.manager.resume()
     assert runs(bench, to_ns(10.0) + 1)
 
