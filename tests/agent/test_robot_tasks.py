@@ -363,6 +363,21 @@ def test_coordinator_that_has_just_begun_to_listen_renews_the_lease(desk, explor
     assert desk.status.state is TaskState.RUNNING
 
 
+def test_coordinator_that_has_not_received_a_robot_after_its_first_summaries_renews_no_lease_of_it(desk, explorer):
+    desk.offer(offer(lease_s=5.0), 0)
+    robot = RobotSummary(name="r1", up=False, age_s=1e6, out=NoState())
+    desk.renew_lease(TeamState(robots=[robot], seq=2), "r1", to_ns(4))
+    desk.check_lease(to_ns(5) + 1)
+    assert desk.status.state is TaskState.CANCELLED
+
+
+def test_task_goes_on_while_robots_in_the_coordinators_place_vouch_for_it(desk, explorer):
+    desk.offer(offer(lease_s=5.0), to_ns(1))
+    desk.trusted_ns = to_ns(4)
+    desk.check_lease(to_ns(9))
+    assert desk.status.state is TaskState.RUNNING
+
+
 # -- costs ----------------------------------------------------------------------------------------------------------
 
 

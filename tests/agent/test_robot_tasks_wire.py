@@ -5,8 +5,9 @@ import pytest
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
+from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
-from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, TeamState
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import ProcessPaused
 from tests.agent.explorer import offer
@@ -82,6 +83,14 @@ def test_over_the_wire_a_task_can_be_withdrawn(seeker):
     assert seeker.plugin("seeker").log == ["t1", "changed our minds"]
 
 
+def test_a_halt_that_is_over_before_the_robots_next_step_has_ended_its_task(seeker):
+    send(seeker, ROBOT_OFFER, offer())
+    halts = seeker.wire.publisher(HALT)
+    for halted in (True, False):
+        halts.put(Halt(halted=halted, by="ann"))
+    assert status(seeker).state is TaskState.CANCELLED
+
+
 def test_a_behavior_that_raises_over_an_offer_is_faulted_and_the_offer_refused(seeker):
     seeker.plugin("seeker").trouble = "accept"
     assert "seeker is faulted: RuntimeError: trouble in accept" in send(seeker, ROBOT_OFFER, offer()).why
@@ -126,13 +135,22 @@ def test_offers_are_taken_again_soon_after_the_process_goes_on_and_after_short_p
 
 
 def test_a_summary_that_may_have_waited_while_the_process_stood_still_does_not_renew_the_lease(seeker):
-    send(seeker, ROBOT_OFFER, offer(lease_s=1.0))
+    send(seeker, ROBOT_OFFER, offer(lease_s=1.5))
     seeker.coordinator.put(TeamState(robots=[]))
     seeker.tick(5)
     stand_still(seeker, 1.2)
-    seeker.tick(1)
-    seeker.coordinator.put(TeamState(robots=[]))
-    seeker.tick(1)
+    for _ in range(2):
+        seeker.coordinator.put(TeamState(robots=[]))
+        seeker.tick(1)
+    seeker.tick(20)
+    assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
+
+
+def test_summaries_of_a_coordinator_that_was_replaced_do_not_renew_the_lease(seeker):
+    send(seeker, ROBOT_OFFER, offer(lease_s=1.0))
+    for election in (5, *[4] * 12):
+        seeker.coordinator.put(TeamState(robots=[], lead=Lead(election=election, journal="a")))
+        seeker.tick(5)
     assert seeker.plugin("seeker").log == ["t1", "the coordinator is silent, the lease ran out"]
 
 

@@ -1,8 +1,10 @@
 """The coordinator is killed and starts again on its journal, while robots go on."""
 
+import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
+from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import FREE_AFTER_S, Task, TaskState
@@ -57,6 +59,16 @@ def test_a_task_that_the_robot_let_go_meanwhile_is_offered_again(team, kept, rob
     assert robot.offers[-1].epoch > before
     assert team.why("t1") == ""
     assert TaskState.CANCELLED not in team.history("t1")
+
+
+def test_a_task_that_its_robot_has_forgotten_is_offered_again_also_if_the_clock_was_ahead_before(team, kept, robot):
+    team.submit(visit())
+    team.run(0.5)
+    later_ns = team.clock.now_ns() + to_ns(3600.0)
+    kept.change(msgspec.structs.replace(kept.find("t1"), state=TaskState.LOST_CONTACT, changed_ns=later_ns))
+    robot.task = None
+    team.begin(kept)
+    wait_for(team, lambda: len(robot.offers) == 2)
 
 
 @pytest.mark.parametrize("took_it", [True, False])

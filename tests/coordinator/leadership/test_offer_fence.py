@@ -230,8 +230,9 @@ def test_what_was_given_to_a_robot_after_the_cut_is_taken_back(four: RobotsThatG
     states = {record.task.id: (record.state, record.robot) for record in four.coordinator.tasks.open}
     (known, holder), (state, robot) = states["t1"], states["t2"]
     assert known is state is TaskState.RUNNING
+    offered = four.coordinator.tasks.journal.when_offered("t1", holder, four.coordinator.tasks.find("t1").epoch)
     for other in four.robots:
-        other.changes_received = ALL if other.name == robot else four.coordinator.tasks.find("t1").change
+        other.changes_received = ALL if other.name == robot else offered
     four.run(0.2)
     four.part(*({"r1", "r2", "r3", "r4"} - {robot}), run_s=2.0)
     assert four.coordinator.tasks.find("t1").robot == holder

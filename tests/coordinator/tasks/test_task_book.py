@@ -249,3 +249,14 @@ def test_a_book_goes_on_where_its_journal_ends():
         ("t1", TaskState.RUNNING, 3),
         ("t2", TaskState.DONE, 7),
     ]
+
+
+def test_the_task_that_a_robot_is_at_comes_before_its_next_one_after_a_loss_of_contact_and_after_a_restart():
+    journal = Journal()
+    one, _ = book(journal)
+    one.add(Task(id="next", kind="visit", place=GOAL))
+    running(one)
+    one.offered("next", "r1")
+    one.move("t1", TaskState.LOST_CONTACT)
+    for each in (one, book(journal)[0]):
+        assert [record.task.id for record in each.bound_to("r1")] == ["t1", "next"]
