@@ -127,8 +127,16 @@ def test_backup_that_is_ended_leaves_nothing(journal, path, tmp_path) -> None:
 
 def test_backup_is_not_begun_where_it_would_fill_the_disk(journal, path, tmp_path, monkeypatch) -> None:
     used = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(backup_module.shutil, "disk_usage", lambda _: used._replace(free=100_000))
-    with pytest.raises(JournalError, match="no backup is made: the disk has 0 MB free"):
+    size_bytes = sum(path.with_name(path.name + ending).stat().st_size for ending in ("", "-wal"))
+    monkeypatch.setattr(backup_module.shutil, "disk_usage", lambda _: used._replace(free=4 * size_bytes - 1))
+    with pytest.raises(JournalError, match="no backup is made: the disk has"):
+        write_backup(journal.database, path, tmp_path / "b" / "one.journal")
+    assert list((tmp_path / "b").iterdir()) == []
+
+
+def test_backup_that_does_not_pass_the_check_is_reported_and_not_left_there(journal, path, tmp_path) -> None:
+    journal.database.execute("UPDATE task SET record = '{}' WHERE id = 't1'")
+    with pytest.raises(BadBackup, match="task t1: cannot be read"):
         write_backup(journal.database, path, tmp_path / "b" / "one.journal")
     assert list((tmp_path / "b").iterdir()) == []
 
@@ -187,6 +195,15 @@ def test_restored_journal_gives_out_no_epoch_twice(path, tmp_path) -> None:
     restore_backup(backup, path)
     with closing(Journal(path)) as journal:
         assert journal.new_epoch() > last
+
+
+def test_restored_journal_has_another_name_since_it_may_lack_changes_that_witnesses_know_of(path, tmp_path) -> None:
+    with closing(Journal(path)) as journal:
+        name = journal.name
+    back_up_closed(path, tmp_path / "one.backup")
+    restore_backup(tmp_path / "one.backup", path)
+    with closing(Journal(path)) as journal:
+        assert journal.name != name
 
 
 def test_restored_copy_of_another_coordinators_journal_is_one_of_its_own(path, tmp_path) -> None:

@@ -12,7 +12,7 @@ from robrain.coordinator.journal.errors import JournalError, JournalLocked, Jour
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.journal.schema import MIGRATIONS, VERSION, migrate
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
-from robrain.protocol.messages.team.standing_messages import JournalAlarm
+from robrain.protocol.messages.team.standing_messages import JournalAlarm, JournalEntry
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Refused, RobotOut, no_path
@@ -282,4 +282,29 @@ def test_an_alarm_is_kept_with_its_task_or_not_at_all(path: Path) -> None:
     assert again.alarms() == [armed]  # a source has one alarm, the last
     again.keep_alarms([])
     assert again.alarms() == []
+    again.close()
+
+
+def test_a_copy_takes_over_each_change_of_a_task_and_an_earlier_one_that_is_sent_again_undoes_nothing() -> None:
+    journal, copy, page, entries = Journal(), Journal(), Journal(), []
+    journal.on_written = entries.append
+    change(journal, journal.accept(queued("t1")), TaskState.CANCELLED)
+    for sent in (entries, entries[:1]):
+        copy.follow(sent)
+        assert copy.find("t1") == journal.find("t1")
+    page.put_page(journal.page(0, limit=1, term=1, seq=0))
+    assert page.history("t1") == copy.history("t1") == journal.history("t1")
+
+
+def test_a_copy_that_becomes_an_ordinary_journal_gives_out_no_epoch_again_that_it_gave_out_before(path: Path) -> None:
+    copy = Journal(path)
+    epoch = copy.new_epoch(5000)
+    copy.begin_copy()
+    copy.put_page(Journal().page(0, limit=1, term=1, seq=0))
+    copy.follow([JournalEntry(seq=1, epoch_ceiling=3)])
+    copy.own()
+    copy.close()
+    again = Journal(path)
+    assert again.copied == ""
+    assert again.new_epoch() > epoch
     again.close()

@@ -169,14 +169,17 @@ def test_a_cut_off_file_is_salvaged(path: Path) -> None:
     journal.close()
 
 
-def test_a_lost_table_is_damage(path: Path) -> None:
+@pytest.mark.parametrize(("table", "tasks"), [("change", TASKS), ("task", 0)])
+def test_a_lost_table_is_damage_and_no_epoch_of_the_other_one_is_given_out_again(
+    path: Path, table: str, tasks: int
+) -> None:
     with sqlite3.connect(path) as connection:
-        connection.execute("DROP TABLE change")
+        connection.execute(f"DROP TABLE {table}")
         connection.execute("DROP TABLE epoch")
     connection.close()
     journal = Journal(path)
-    assert len(journal.select(TaskFilter())) == TASKS
-    assert journal.new_epoch() > TASKS // 3  # from the records themselves
+    assert len(journal.select(TaskFilter())) == tasks
+    assert journal.new_epoch() > TASKS // 3
     journal.close()
 
 
