@@ -45,7 +45,7 @@ def test_driving_and_turning_at_the_place_take_what_the_robots_model_says() -> N
 
 
 def test_of_robots_of_two_types_the_dearest_counts() -> None:
-    both, alone = jobs_of((Work(wait_s=3.0), SWEEP)), jobs_of((SWEEP,))
+    both, alone = jobs_of((Work(wait_s=3.0), SWEEP, Work(path_m=1.0))), jobs_of((SWEEP,))
     assert (both.service_s, both.service_j) == (alone.service_s, alone.service_j)
 
 
