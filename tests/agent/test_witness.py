@@ -130,6 +130,15 @@ def test_it_follows_no_coordinator_that_was_replaced_or_is_suspended(witness: Wi
     assert witness.led == Led(election=3, stamp_ns=0)  # elected, and not heard yet
 
 
+def test_nobody_else_is_elected_with_the_number_by_which_a_coordinator_leads_that_it_has_not_elected(
+    witness: Witness,
+) -> None:
+    assert witness.receive_summary(summary(5), LATER_NS)
+    now_ns = LATER_NS + SILENT_NS + 1
+    assert witness.answer(elect(5, "b"), now_ns).refusal is WitnessRefusal.OUTVOTED
+    assert witness.answer(elect(6, "b"), now_ns).refusal is None
+
+
 def test_a_suspended_coordinator_can_be_voted_out(witness: Witness) -> None:
     witness.answer(elect(1), LATER_NS)
     now_ns = LATER_NS + SILENT_NS + 1

@@ -202,6 +202,21 @@ def test_a_candidate_that_learns_of_a_later_election_stands_in_the_one_after_it(
     wire.close()
 
 
+def test_half_of_the_witnesses_elect_nobody_and_a_lease_counts_from_the_vote_that_was_asked_for_first() -> None:
+    clock, refusals = VirtualClock(to_ns(100.0)), {"r2": WitnessRefusal.LEADER_SEEN}
+    wire = Endpoint(shared_session(), "half", clock, Drive.LOCKSTEP)
+    for name in ("r1", "r2"):
+        wire.answer(ROBOT_WITNESS, lambda _, of=name: WitnessReply(refusal=refusals.get(of), election=1), robot=name)
+    election, won = Election(wire, ("r1", "r2"), "journal"), None
+    assert [election.step(clock.now_ns(), is_copy=False) for _ in range(3)] == [None] * 3
+    refusals.clear()
+    while won is None:
+        clock.advance_to(clock.now_ns() + to_ns(0.1))
+        won = election.step(clock.now_ns(), is_copy=False)
+    assert won.asked_ns == to_ns(100.0) < clock.now_ns()
+    wire.close()
+
+
 def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: Pair) -> None:
     pair.join()
     cut = FaultSpec(robot=OTHER, kind=FaultKind.PARTITION, at_s=0.0)

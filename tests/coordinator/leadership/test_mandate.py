@@ -184,8 +184,8 @@ def test_the_loss_of_the_first_loses_nothing_that_was_acknowledged(team: Team) -
     assert team.journals() == [{SECOND}] * 3
 
 
-def witness(team: Team) -> Witness:
-    extension = team.run.host("r1").extensions["witness"]
+def witness(team: Team, robot: str = "r1") -> Witness:
+    extension = team.run.host(robot).extensions["witness"]
     assert isinstance(extension, WitnessExtension)
     return extension
 
@@ -199,6 +199,16 @@ def test_a_witness_that_took_part_in_a_later_election_follows_again_soon(team: T
     mandate = team.mandate(COORDINATOR)
     assert mandate.lead(team.run.now_ns).election == 10
     assert mandate.confirmations(team.run.now_ns) == 3
+
+
+def test_one_whose_witnesses_have_voted_in_a_later_election_does_not_lead_although_only_its_journal_counts(
+    team: Team,
+) -> None:
+    later = WitnessRequest(wish=WitnessWish.ELECT, election=9, journal="x", forced=True)
+    for name in ("r1", "r2"):
+        assert witness(team, name).answer(later, team.run.now_ns + to_ns(3.0)).refusal is None
+    team.pass_s(0.5)
+    assert team.run.leading() == []
 
 
 def test_a_stand_by_that_could_not_be_elected_is_not_depended_on(team: Team) -> None:
