@@ -169,7 +169,7 @@ def test_a_recording_that_begins_in_mid_run_does_not_say_whether_tasks_are_lost(
 def test_changes_that_are_missing_leave_the_invariant_unjudged() -> None:
     told = given_to("r1")
     told.pass_time(1.0)
-    told.event("corner", QUEUED, change=9)
+    told.event("corner", QUEUED, change=5)
     told.tasks_open = 1  # what the missing changes said is not known
     told.pass_time(5.0)
     for invariant in (Invariant.TASK_KEPT, Invariant.TASK_ONCE):
@@ -228,6 +228,14 @@ def test_a_second_end_with_a_number_of_its_own_is_a_task_done_twice() -> None:
     told.event("door", DONE, "r2", 5)
     [found] = told.found(Invariant.TASK_ONCE)
     assert (found["task"], found["robot"], found["changes"]) == ("door", "r2", (4, 5))
+
+
+def test_a_breach_counts_although_changes_are_missing() -> None:
+    told = done(given_to("r1"))
+    told.event("door", DONE, "r2", 5)
+    told.event("corner", QUEUED, change=9)
+    ruling = told.ruling(Invariant.TASK_ONCE)
+    assert (ruling.state, ruling.missing) == (InvariantState.BROKEN, MissingEvidence.EVENTS)
 
 
 def test_a_coordinator_that_begins_anew_and_does_a_task_again_does_it_twice() -> None:
