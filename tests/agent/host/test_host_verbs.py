@@ -5,6 +5,7 @@ import json
 import pytest
 
 from robrain.agent.host import host_verbs
+from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.codec import BadPayload
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import (
@@ -22,6 +23,7 @@ from robrain.protocol.messages.robots.host_messages import (
 )
 from robrain.protocol.registry import Registry
 from robrain.protocol.table.topics import HOST_VERB, all_rows
+from robrain.protocol.wire.endpoint import Request
 from tests.hostile_payloads import fixed_payloads
 from tests.installed_distributions import install  # noqa: F401 - a fixture
 
@@ -148,3 +150,15 @@ def test_no_distribution_replaces_a_halt(lab, verbs, install):  # noqa: F811
     install("blinkers", {"halt": "blinkers:blink"}, {"blinkers.py": BLINK}, "robrain.host_verbs")
     assert lab.wire.ask(HOST_HALT, robot="r1").halted
     assert lab.hosts[-1].manager.halted
+
+
+def test_in_a_secured_team_a_verb_is_run_in_the_name_of_the_member_that_asks_and_of_no_other(lab):
+    (host,), ann = lab.hosts, Member(MemberRole.OPERATOR, "default", "ann")
+
+    def halted_by(claimed):
+        asked = Request({"verb": "halt"}, json.dumps({"by": claimed}).encode(), asker=ann)
+        return json.loads(host_verbs.answer_verb(host, lab.wire, asked))["by"]
+
+    assert halted_by("ann") == ["operator:ann"]
+    with pytest.raises(CallError, match="its key says operator:ann, its request operator:bob"):
+        halted_by("operator:bob")

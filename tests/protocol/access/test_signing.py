@@ -10,10 +10,12 @@ from robrain.protocol.access.member import Member, MemberRole
 from robrain.protocol.access.signing import signed, vouch_message, vouch_request
 from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import CallError
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.host_messages import HOST_HALT, HaltAnswer, HaltRequest
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
+from tests.waiting import until
 
 ANN, R1 = Member(MemberRole.OPERATOR, "blue", "ann"), Member(MemberRole.ROBOT, "blue", "r1")
 KEY = "robrain/blue/halt"
@@ -25,9 +27,9 @@ def endpoint():
     now, opened = datetime.now(UTC), []
     with open_lockstep_session() as session:
 
-        def endpoint_of(member):
+        def endpoint_of(member, drive=Drive.LOCKSTEP):
             remember(session, Connection(Identity(Path(), member, now, now), ()))
-            opened.append(Endpoint(session, "blue", VirtualClock(), Drive.LOCKSTEP))
+            opened.append(Endpoint(session, "blue", VirtualClock(), drive))
             return opened[-1]
 
         yield endpoint_of
@@ -49,6 +51,14 @@ def test_a_halt_counts_as_that_of_its_sender_whatever_it_claims_and_of_a_robot_n
     for key, by in ((signed(KEY, ANN), "operator:bob"), (signed(KEY, R1), ""), (KEY, "")):
         assert vouched(key, by) is None
     assert robot.refusals.total == 3
+
+
+def test_a_halt_of_a_secured_team_is_received_in_the_name_of_its_sender(endpoint):
+    inbox = Inbox()
+    endpoint(R1, Drive.LIVE).subscribe(inbox, HALT)
+    endpoint(ANN, Drive.LIVE).publisher(HALT).put(Halt(halted=True, by="ann"))
+    until(lambda: inbox.received)
+    assert [received.message.by for received in inbox.drain()] == ["operator:ann"]
 
 
 def test_a_request_counts_as_that_of_its_sender_whatever_it_claims_and_of_a_coordinator_not_at_all(endpoint):
