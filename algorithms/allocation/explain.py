@@ -123,8 +123,6 @@ class Judgement(NamedTuple):
     code: int
     more_j: float
     """Joules of the cheapest insertion, also if the energy does not suffice; infinite otherwise."""
-    more_s: float
-    """Additional time until the robot is back."""
     start_s: float
     """Start of the job in that position; its earliest possible start if that is too late."""
     left_j: float
@@ -135,12 +133,12 @@ class Judgement(NamedTuple):
 @njit(cache=True, nogil=True)
 def judge_visit(
     team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int
-) -> tuple[int, float, float, float, float, int]:
+) -> tuple[int, float, float, float, int]:
     """Compute the fields of a `Judgement`."""
     profile = team.profile[worker]
     here = visits.place[visit]
     if not visits.allowed[worker, visit]:
-        return LACKS, math.inf, math.inf, math.inf, math.inf, -1
+        return LACKS, math.inf, math.inf, math.inf, -1
     best_j, lacking_j, position, lacking_position = math.inf, math.inf, -1, -1
     for index in range(routes.length[worker] + 1):
         bid, more_j = insertion_at(team, visits, routes, worker, visit, index, BY_ENERGY)
@@ -156,23 +154,15 @@ def judge_visit(
         start_s = max(arrive_s, visits.earliest_s[visit])
         path_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
         if not path_j < math.inf:
-            return NO_PATH, math.inf, math.inf, math.inf, math.inf, -1
+            return NO_PATH, math.inf, math.inf, math.inf, -1
         end_s = start_s + visits.service_s[visit] + team.end_s[worker, here]
         is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
-        return TOO_LATE if is_late else CROWDED, math.inf, math.inf, start_s, math.inf, -1
+        return TOO_LATE if is_late else CROWDED, math.inf, start_s, math.inf, -1
     place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
     arrive_s = routes.leave_s[worker, position] + team.time_s[profile, place, here]
     start_s = max(arrive_s, visits.earliest_s[visit])
-    end_s = start_s + visits.service_s[visit]
-    for index in range(position, routes.length[worker]):
-        following = routes.order[worker, index]
-        before = here if index == position else visits.place[routes.order[worker, index - 1]]
-        end_s += team.time_s[profile, before, visits.place[following]]
-        end_s = max(end_s, visits.earliest_s[following]) + visits.service_s[following]
-    last = visits.place[routes.order[worker, routes.length[worker] - 1]] if routes.length[worker] > position else here
-    end_s += team.end_s[worker, last]
     left_j = team.usable_j[worker] - routes.spent_j[worker] - best_j
-    return code, best_j, end_s - routes.end_s[worker], start_s, left_j, position
+    return code, best_j, start_s, left_j, position
 
 
 def judge(arrays: ProblemArrays, routes: RouteBatch, worker: int, visit: int) -> Judgement:
@@ -223,7 +213,7 @@ def _nearest_to_it(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, vi
     """The worker that could do it at least cost; if none can, the one whose code in the list above is highest."""
     best, best_code, best_more_j = -1, -1, math.inf
     for worker in range(len(team.ready_s)):
-        code, more_j, _, _, left_j, _ = judge_visit(team, visits, routes, worker, visit)
+        code, more_j, _, left_j, _ = judge_visit(team, visits, routes, worker, visit)
         if code == FITS:
             code = NO_ENERGY + 1
         elif code == NO_ENERGY:

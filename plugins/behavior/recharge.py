@@ -138,12 +138,11 @@ class Queue:
         return {}
 
     def _aside(self, beside: Sequence[ChargerPlace]) -> Point2D | None:
-        """The nearest place beside one of these chargers with room to wait; None if it need not, or cannot, go there."""
+        """The nearest place with room beside one of these chargers; None if the robot need not, or cannot, go there."""
         travel, chargers = self._errand.travel, self._known()
         pose = travel.pose()
         nearest = min(beside, key=lambda charger: pose.distance_m(charger.place))
-        is_clear = all(pose.distance_m(charger.place) >= CLEAR_M for charger in chargers)
-        if is_clear and pose.distance_m(nearest.place) <= NEAR_M:
+        if pose.distance_m(nearest.place) <= NEAR_M and min(pose.distance_m(one.place) for one in chargers) >= CLEAR_M:
             return None
         radius_m = travel.driver.radius_m()
         occupied = [(charger.place, CLEAR_M) for charger in chargers]
