@@ -16,6 +16,7 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, Lead, WitnessRefusal, WitnessReply
 from robrain.protocol.messages.tasks import task_messages
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
@@ -48,11 +49,12 @@ class Pair:
         self.faults = WireFaults(seed)
         self.exchange = Exchange(is_alone=True, network=self.faults, clock=self.clock, lost_after_s=2.0)
         self.exchange.serve(shared_session())
-        self.disk, self.other_disk = JournalDisk(), JournalDisk()
-        witness = Witness(WitnessInMemory(), self.clock.now_ns())
-        self.endpoint().answer(
-            ROBOT_WITNESS, lambda request: witness.answer(request.asked, self.clock.now_ns()), robot=WITNESS
+        self.disk, self.other_disk = JournalDisk(), JournalDisk("other")
+        self.witness, self.summaries, robot = Witness(WitnessInMemory(), self.clock.now_ns()), Inbox(), self.endpoint()
+        robot.answer(
+            ROBOT_WITNESS, lambda request: self.witness.answer(request.asked, self.clock.now_ns()), robot=WITNESS
         )
+        robot.subscribe(self.summaries, COORDINATOR_STATE)
         self.elections = 0
         self.begin()
         self.copy = self.other_disk.open() if path is None else Journal(path)
@@ -84,6 +86,8 @@ class Pair:
             self.clock.advance_to(self.clock.now_ns() + to_ns(TICK_S))
             self.exchange.step()
             self.coordinator.step()
+            for received in self.summaries.drain():
+                self.witness.receive_summary(received.message, self.clock.now_ns())
             if self.candidate is not None:
                 self.candidate.step()
             self.waiting = [name for name in self.waiting if not self.submit(name)]
