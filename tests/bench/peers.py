@@ -1,4 +1,4 @@
-"""Whole robots of robrain beside the bare simulation of ir-sim, in one run on one machine.
+"""Whole robots of robrain beside the bare simulation of ir-sim, and the speed of robots that are points.
 
 ir-sim (Han, https://github.com/hanruihua/ir-sim) moves round robots and their lidars; it has no plugins, no wire, no
 mapping and no planning. It steps once a lidar turn, where the arena takes ten steps of physics.
@@ -6,15 +6,25 @@ mapping and no planning. It steps once a lidar turn, where the arena takes ten s
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
+import numpy as np
 
 from robrain import Scenario
+from robrain.algorithms.allocation.allocator import OPTIMAL
 from robrain.algorithms.warm_up import warm_up
-from robrain.lab.bench.figure import Figure, timing
+from robrain.coordinator.planning.policy import NEAREST
+from robrain.lab.bench.figure import Figure, at_least, timing
+from robrain.lab.soak.fault_script import FaultScript, ScriptRobot, TaskInput
+from robrain.lab.soak.soak_run import SIDE_M, SoakRun, quiet
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task
 from tests.bench.real_time_factor import whole_run_ms
 
 TEAMS = (10, 100)
@@ -58,9 +68,20 @@ print("seconds", time.perf_counter() - began_s)
 """
 
 
+POINTS, TASKS, POINTS_S = 8, 50, 60.0
+POINTS_SPEED = at_least(3000.0)
+
+
 def measure() -> Iterator[Figure]:
-    """Three figures for each team size."""
+    """Three figures for each team size, and the speed of points with less and less to do."""
     warm_up()
+    for what, less in (
+        (f"{TASKS} tasks", {}),
+        (f"{TASKS} tasks, each to the nearest robot", {"method": NEAREST}),
+        ("no tasks", {"tasks": ()}),
+    ):
+        yield _speed(what, msgspec.structs.replace(_script(), **less))
+    yield _speed("no coordinator", msgspec.structs.replace(_script(), tasks=()), has_coordinator=False)
     for robots in TEAMS:
         whole_ms, _ = whole_run_ms(Scenario.builtin("depot").replace(robots=robots).world(), simulated_s=200.0 / robots)
         bare_ms = _peer_ms(robots)
@@ -68,6 +89,36 @@ def measure() -> Iterator[Figure]:
         yield timing(f"{team}: real-time factor of ir-sim, simulation alone", 1000.0 / bare_ms, "×")
         yield timing(f"{team}: real-time factor of robrain, whole stack", 1000.0 / whole_ms, "×")
         yield timing(f"{team}: robrain's factor over ir-sim's", bare_ms / whole_ms, "×")
+
+
+def _script() -> FaultScript:
+    rng = np.random.default_rng(1)
+    places = np.round(rng.uniform(1.0, SIDE_M - 1.0, (TASKS, 2)), 1).tolist()
+    return FaultScript(
+        seed=1,
+        robots=tuple(
+            ScriptRobot(name=f"r{number + 1}", place=Point2D(2.0 + 2.0 * number, 3.0)) for number in range(POINTS)
+        ),
+        method=OPTIMAL,
+        tasks=tuple(
+            TaskInput(at_s=0.5, task=Task(id=f"t{number}", kind=VISIT, place=Point2D(*place), service_s=2.0))
+            for number, place in enumerate(places)
+        ),
+    )
+
+
+def _speed(what: str, script: FaultScript, *, has_coordinator: bool = True) -> Figure:
+    """Simulated robot-seconds a CPU second."""
+    with quiet(), closing(SoakRun(script)) as run:
+        run.tick()
+        if not has_coordinator:
+            run.end_coordinator()
+        begun_s = time.process_time()
+        while run.sim_time_s < POINTS_S:
+            run.tick()
+        speed = POINTS * POINTS_S / (time.process_time() - begun_s)
+    bound = POINTS_SPEED if script.tasks and script.method == OPTIMAL else None
+    return timing(f"points, {POINTS} robots, {what}: robot-seconds in a CPU second", speed, "", bound)
 
 
 def _peer_ms(robots: int) -> float:

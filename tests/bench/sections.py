@@ -110,7 +110,7 @@ SECTIONS = {
     "peers": Section(
         "Beside ir-sim",
         "ir-sim moves robots and their lidars alone, a step each turn of the lidar; robrain runs in the depot with "
-        "everything on.",
+        "everything on. Points drive in the hall of the soaks.",
         "tests.bench.peers:measure",
     ),
     "sweep": Section(
