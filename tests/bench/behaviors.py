@@ -14,7 +14,7 @@ import numpy as np
 
 from robrain.agent.host.agent_host import AgentHost, stock_place
 from robrain.agent.host.robot_file import RobotTable
-from robrain.agent.manifest import find_manifests
+from robrain.agent.manifest import find_manifests, role_in
 from robrain.algorithms.warm_up import warm_up
 from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic, timing
 from robrain.plugins.behavior.monitor import changed_share, colors_of
@@ -68,7 +68,7 @@ def measure() -> list[Figure]:
 
 
 def _idle() -> list[Figure]:
-    names = [path.stem for path in find_manifests(stock_place())]
+    names = [path.stem for path in find_manifests(stock_place()) if not role_in(path)]
     _one_idle(names)
     runs = [_one_idle(names) for _ in range(ROUNDS)]
     start_ms, whole_start_ms, cost_ms, whole_ms = (min(figures) for figures in zip(*runs, strict=True))

@@ -67,7 +67,7 @@ def _costs(robots: int, motes: int) -> Iterator[Figure]:
         _count(run.arena._motes, "step", spent_s, "field")
         for host in run.hosts:
             for name in PLUGINS:
-                _count(host.manager.plugins[name], "_run", spent_s, "plugins")
+                _count(host.manager.plugins[name], "run_in_turn", spent_s, "plugins")
         began_s = time.process_time()
         for _ in range(round(SIMULATED_S / TICK_S)):
             run.tick()

@@ -60,7 +60,7 @@ class Robot:
         self.wire = Endpoint(self.session, "bench", self.clock, Drive.LOCKSTEP)
         robot = ArenaRobot(name="r1", start=start, **{name: getattr(hardware, name) for name in HARDWARE})
         self.arena = Arena(World(plan, [robot], [], seed), self.wire, rng=np.random.default_rng(seed))
-        parameters = {"mocdevice": {"base": msgspec.structs.asdict(hardware.base)}}
+        parameters = {"mocdevice": {"base": msgspec.to_builtins(hardware.base)}}
         robot_file = RobotFile(robot=RobotTable("r1", "bench", load=["driver"]), parameters=parameters)
         self.host = AgentHost(robot_file, Path(), self.session, self.clock, Drive.LOCKSTEP, seed=seed)
         self.host.start()
