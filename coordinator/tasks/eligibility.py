@@ -126,7 +126,7 @@ class TaskPauses:
         return {pair: avoided.reason for pair, avoided in self._avoided.items() if now_ns < avoided.until_ns}
 
     def last_word(self, task_id: str, robot: str) -> RobotReason | None:
-        """The answer of a robot that is not asked again; None if it may be."""
+        """The last answer of a robot that must not be asked again; None if it may be asked."""
         avoided = self._avoided.get((task_id, robot))
         return avoided.reason if avoided is not None and avoided.final_times >= REFUSALS_MAX else None
 

@@ -255,7 +255,7 @@ class TaskBook:
             self._change(self._open[task_id], TaskState.DONE, reason, robot=robot, epoch=epoch)
 
     def adopt(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
-        """A robot is at a queued task that no coordinator had given it: it is its task from now on."""
+        """Assign a queued task to the robot that already works at it, although no coordinator offered it."""
         record = self._change(self._open[task_id], TaskState.OFFERED, reason, robot=robot, epoch=epoch)
         self._change(record, TaskState.RUNNING, reason, robot=robot, epoch=epoch)
 

@@ -341,7 +341,7 @@ class _Halts:
         self._is_lossy = any(fault.share is not None for fault in run.script.faults)
 
     def disobedient(self, now_ns: int) -> Iterator[str]:
-        """Robots that move although they could know."""
+        """Robots that move although they could know of the halt."""
         run, halt = self._run, self._run.operator.halt
         if halt is None:
             self._halt = None

@@ -254,7 +254,7 @@ class WheelSerialLink:
         """Whether the line has accepted only a part of the last write."""
 
     def command(self, values: Sequence[float]) -> None:
-        """As WheelLink."""
+        """See `WheelLink`."""
         self._write(self._codec.command(values))
 
     def stop(self) -> None:
@@ -288,16 +288,16 @@ class WheelSerialLink:
 
     @property
     def refusal(self) -> str:
-        """As WheelLink."""
+        """See `WheelLink`."""
         what = f"no counts: check the baud rate ({self._baud}), the wiring and `lines` or `codec`"
         return f"{self._bytes} bytes came from {self._port}, but {what}" if self._bytes else ""
 
     def counters(self, believed: int, rejected: int) -> Counters:
-        """As WheelLink."""
+        """See `WheelLink`."""
         return Counters(believed, rejected + self._codec.rejected, 0, 0, 0)
 
     def close(self) -> None:
-        """As WheelLink."""
+        """See `WheelLink`."""
         self._line.close()
 
     def _write(self, data: bytes) -> None:

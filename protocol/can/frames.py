@@ -24,7 +24,7 @@ _BYTES = tuple(bytes((value,)) for value in range(256))
 
 
 class BadFrame(RobrainError):
-    """A frame that must not be believed: wrong length or checksum."""
+    """A frame with a wrong length or checksum."""
 
 
 class FrameCodec:

@@ -1,4 +1,4 @@
-"""A robot's record of one mote, such as the arrived ones of its last readings, by their sequence numbers."""
+"""A robot's record of one mote, such as the numbers of its last readings that have arrived."""
 
 from collections import deque
 from collections.abc import Callable
