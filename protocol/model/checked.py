@@ -47,7 +47,7 @@ def convert(document: Any, kind: type[T]) -> T:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:
         found = _OUT_OF_RANGE.fullmatch(str(error))
-        if found is None:
+        if found is None or "[...]" in found[3]:  # msgspec does not name the keys of a dict
             raise
         sign, bound, path, name = found.groups()
         value: Any = document

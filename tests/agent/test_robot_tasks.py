@@ -219,6 +219,15 @@ def test_held_task_lives_as_long_as_its_own_lease(desk, explorer):
     assert desk.status.state is TaskState.RUNNING
 
 
+def test_held_task_stays_while_its_coordinator_is_received(desk, explorer):
+    desk.offer(offer(lease_s=60.0), 0)
+    desk.offer(held(lease_s=5.0), 0)
+    for second in range(1, 20):
+        desk.coordinator_seen_ns = to_ns(second)
+        desk.check_lease(to_ns(second))
+    assert desk.facts.next_task is not None
+
+
 def test_robot_that_stood_still_for_just_the_lease_keeps_what_it_holds_and_for_longer_forgets_it(desk, explorer):
     desk.offer(offer(lease_s=60.0), 0)
     desk.offer(held(lease_s=5.0), 0)

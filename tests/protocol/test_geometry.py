@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 
 METRES = st.floats(-1e3, 1e3)
 ANGLES = st.floats(-10.0, 10.0)
@@ -39,3 +39,7 @@ def test_composing_is_associative(T_a_b, T_b_c, T_c_d):
 )
 def test_the_ends_of_the_range_are_where_they_are_said_to_be(angle_rad, wrapped_rad):
     assert wrap_angle_rad(angle_rad) == pytest.approx(wrapped_rad, abs=1e-12)
+
+
+def test_points_are_apart_by_the_straight_line():
+    assert Point2D(1.0, 4.0).distance_m(Point2D(5.0, 1.0)) == 5.0

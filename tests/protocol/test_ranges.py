@@ -10,7 +10,8 @@ import pytest
 
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskOffer
-from robrain.protocol.model.ranges import EPOCH_MAX, TEXT_MAX, cut
+from robrain.protocol.model.checked import Checked, convert
+from robrain.protocol.model.ranges import EPOCH_MAX, TEXT_MAX, Positive, cut
 from robrain.protocol.model.tasks.task import Task
 from tests.message_modules import message_modules
 
@@ -93,3 +94,24 @@ def test_an_epoch_is_a_number_that_every_peer_can_hold() -> None:
 def test_a_text_that_is_cut_fits() -> None:
     assert cut("x" * 5000) == "x" * 1023 + "…"
     assert cut("short") == "short"
+
+
+class _Limits(Checked, frozen=True):
+    speed_m_s: Positive
+
+
+class _File(Checked, frozen=True):
+    driver: _Limits | None = None
+    robots: dict[str, _Limits] = msgspec.field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("document", "match"),
+    [
+        ({"driver": {"speed_m_s": -1}}, r"expected speed_m_s > 0, got -1 - at `\$\.driver`"),
+        ({"robots": {"r1": {"speed_m_s": -1}}}, "speed_m_s"),
+    ],
+)
+def test_a_number_of_a_file_that_is_out_of_range_is_named_with_its_place(document, match) -> None:
+    with pytest.raises(msgspec.ValidationError, match=match):
+        convert(document, _File)

@@ -40,6 +40,16 @@ def test_corner_is_as_fast_as_its_angle_allows(degrees):
     assert at_corner == pytest.approx(through_m_s)
 
 
+def test_part_of_a_ramp_along_a_direction_keeps_its_speed_and_its_acceleration():
+    ramp = Ramp(RampLimits(acceleration=0.8, jerk=4.0), PERIOD_S)
+    for _ in range(5):
+        ramp.follow(0.5, 1.0)
+    speed, ahead = 0.6 * ramp.x + 0.8 * ramp.y, ramp.ahead(0.6, 0.8)
+    ramp.keep_along(0.6, 0.8, may_reverse=False)
+    assert (ramp.x, ramp.y) == pytest.approx((0.6 * speed, 0.8 * speed))
+    assert ramp.ahead(0.6, 0.8) == pytest.approx(ahead)
+
+
 # -- ramps ------------------------------------------------------------------------------------------------------
 
 
