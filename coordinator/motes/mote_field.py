@@ -61,7 +61,7 @@ class ReadingPaths:
         self._by_gateway: Counter[str] = Counter()
 
     def record(self, reading: MoteReading, *, is_new: bool) -> None:
-        """Record a reading; returns whether it has come for the first time."""
+        """Record a reading; `is_new` if it has not come before."""
         if reading.waiting is not UNSET and (reading.via in self._gateways or len(self._gateways) < GATEWAYS_MAX):
             self._gateways[reading.via] = reading
             self._by_gateway[reading.via] += is_new
