@@ -103,6 +103,11 @@ DEAR = 5.0
 """Extra cost (chosen) of a cell in a zone: more than `DISCOMFORT`, so that the width of a corridor is used."""
 
 
+RIGHT_M = 0.35
+"""Where a path keeps to the right, it is this far off the cheapest one, if there is room (chosen: with two robots of
+0.2 m this leaves 0.3 m between them)."""
+ALONG = 3
+"""Cells before and behind from which the direction of a path is taken there."""
 CENTRED_M = 0.5
 """Points of a path with less clearance are centred between the walls, by at most half a cell. In the narrowest corridor
 that is half of the spare room."""
@@ -221,7 +226,8 @@ class NavigationGrid:
             goal: its goal.
             snap_m: how far start and goal may be from the ends of the path.
             avoid: circles (x, y, radius) in metres that must not be driven through.
-            dear: zones in which each cell costs `DEAR` more.
+            dear: zones in which each cell costs `DEAR` more. If there are some, the path keeps to the right, so that
+                robots that meet pass each other.
 
         Returns: Waypoints without the start's cell, corners rounded where there is room; None if there is no path.
 
@@ -241,6 +247,9 @@ class NavigationGrid:
         cells = plan_path(traversable, cost, ends[0], ends[1])
         if cells is None:
             return None
+        if dear and len(cells) > 1:
+            aside = _keep_right(cells, kernel_array(traversable, BOOL), RIGHT_M / self.geometry.resolution_m)
+            return self._points(aside)
         comfortable = traversable & (cost < 1.0 + DISCOMFORT / 4)
         return self.waypoints(shorten_path(cells, comfortable), traversable)
 
@@ -251,9 +260,13 @@ class NavigationGrid:
         mask = kernel_array(self.traversable if traversable is None else traversable, BOOL)
         rounded = round_corners(cells, mask)
         _centre(rounded, self._classes == OCCUPIED, mask, CENTRED_M / self.geometry.resolution_m)
+        return self._points(rounded)
+
+    def _points(self, path: Floats) -> list[Point2D]:
+        """A path (N, 2; row, column) as points in metres, without the first."""
         geometry = self.geometry
-        ys_m = geometry.origin_y_m + (rounded[1:, 0] + 0.5) * geometry.resolution_m
-        xs_m = geometry.origin_x_m + (rounded[1:, 1] + 0.5) * geometry.resolution_m
+        ys_m = geometry.origin_y_m + (path[1:, 0] + 0.5) * geometry.resolution_m
+        xs_m = geometry.origin_x_m + (path[1:, 1] + 0.5) * geometry.resolution_m
         return [Point2D(x_m, y_m) for x_m, y_m in zip(xs_m.tolist(), ys_m.tolist(), strict=True)]
 
     def clear_positions(self, classes: NDArray[np.int8], positions: Floats) -> int:
@@ -359,6 +372,45 @@ def _sweep(inside: NDArray[np.bool_], cells: Floats, counts: NDArray[np.int64], 
                 half = math.sqrt(max(0.0, reach_cells**2 - (row - y) ** 2))
                 for column in range(max(0, math.ceil(x - half)), min(width, math.floor(x + half) + 1)):
                     inside[row, column] = True
+
+
+@njit(cache=True, nogil=True)
+def _keep_right(cells: NDArray[np.int32], traversable: NDArray[np.bool_], aside_cells: float) -> Floats:
+    """A path of neighbouring cells (N, 2) moved to its right as far as there is room; its ends stay."""
+    count = cells.shape[0]
+    path = cells.astype(np.float64)
+    right = np.zeros((count, 2))
+    room = np.zeros(count)
+    for k in range(1, count - 1):
+        low, high = max(0, k - ALONG), min(count - 1, k + ALONG)
+        d_row, d_column = path[high, 0] - path[low, 0], path[high, 1] - path[low, 1]
+        length = math.hypot(d_row, d_column)
+        if length == 0.0:
+            continue
+        right[k, 0], right[k, 1] = -d_column / length, d_row / length
+        reach = min(aside_cells, 0.5 * k, 0.5 * (count - 1 - k))
+        while room[k] + 0.5 <= reach and is_chord_clear(
+            traversable,
+            path[k, 0],
+            path[k, 1],
+            path[k, 0] + (room[k] + 0.5) * right[k, 0],
+            path[k, 1] + (room[k] + 0.5) * right[k, 1],
+        ):
+            room[k] += 0.5
+    moved = path.copy()
+    for k in range(1, count - 1):
+        aside = room[max(0, k - ALONG) : k + ALONG + 1].min()
+        moved[k] += aside * right[k]
+    kept = np.zeros(count, np.bool_)
+    kept[0] = kept[count - 1] = True
+    last = 0
+    for k in range(1, count):
+        if k == count - 1 or k - last >= ALONG:
+            if not is_chord_clear(traversable, moved[last, 0], moved[last, 1], moved[k, 0], moved[k, 1]):
+                return path
+            kept[k] = True
+            last = k
+    return moved[kept]
 
 
 @njit(cache=True, nogil=True)

@@ -1,10 +1,11 @@
 """Decides how far a robot may drive where its path meets those of others.
 
-Each robot publishes its path and its claim (`claim.py`). Claims are compared alike on both sides, so two robots that
-receive each other agree on which one yields, without an arbiter. This is prioritised planning, one pair at a time
+Each robot publishes its path and its claim (`claim.py`). A robot that stands or drives where another has yet to pass is
+ahead of it and goes first (`ahead_of`). Otherwise claims decide. Both are compared alike on both sides, so two robots
+that receive each other agree on which one yields, without an arbiter. This is prioritised planning, one pair at a time
 (Erdmann and Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE
 2005). The robot that goes first drives as if alone. The robot that yields keeps out of the other's whole remaining
-path, unless it passes in time.
+path, unless it passes in time, and robots in its way make room for it.
 
 Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the path. A robot is at position k of its path at k ·
 STEP_M / speed.
@@ -14,6 +15,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple
 
@@ -149,6 +151,35 @@ def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list
     return found
 
 
+class Order(IntEnum):
+    """Which of two robots is ahead of the other on a path."""
+
+    NEITHER = 0
+    """Neither is on the other's path, or each is on that of the other: they meet head-on."""
+    OWN = 1
+    OTHER = 2
+
+
+def ahead_of(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[Order]:
+    """Which robot is on the remaining path of the other: this one on a track, or a teammate on this one's path (N, 2).
+
+    Paths begin where their robots are.
+    """
+    if not tracks:
+        return []
+    positions = [track.positions for track in tracks]
+    counts = np.array([len(each) for each in positions])
+    reaches_m = np.array([track.keep_m + margin_m for track in tracks])
+    return [Order(each) for each in _ahead_of(own, np.concatenate(positions), counts, reaches_m).tolist()]
+
+
+def position_near(positions: Floats, place: Floats, within_m: float) -> int:
+    """The position of a path (N, 2) that is nearest to a place (2,); −1 if none is within that distance."""
+    apart_m = np.hypot(positions[:, 0] - place[0], positions[:, 1] - place[1])
+    nearest = int(np.argmin(apart_m)) if len(positions) else -1
+    return nearest if nearest >= 0 and apart_m[nearest] < within_m else -1
+
+
 class DrivenPath:
     """A path that is being driven along.
 
@@ -242,6 +273,20 @@ def _any_within(
                 found[track] = True
                 break
         begin += counts[track]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _ahead_of(own: Floats, tracks: Floats, counts: NDArray[np.int64], reaches_m: Floats) -> NDArray[np.int64]:
+    """As `ahead_of`, of tracks that lie one behind the other; `counts` (T,) are their lengths."""
+    found = np.zeros(counts.shape[0], np.int64)
+    begin = 0
+    for track in range(counts.shape[0]):
+        end, reach_m = begin + counts[track], reaches_m[track]
+        is_ahead = _meet(own[:1], tracks[begin:end], reach_m)
+        if is_ahead != _meet(own, tracks[begin : begin + 1], reach_m):
+            found[track] = 1 if is_ahead else 2
+        begin = end
     return found
 
 
@@ -400,6 +445,9 @@ WINDOW_M = 12.0
 """Refuges are searched for within this distance, chosen: farther away another path is worth more than waiting."""
 HEAD_START_S = 0.5
 """A teammate comes later than foreseen by at least this: it starts first, and brakes before robots on its path."""
+LATE_S = 1e6
+START_CELLS = 3.0
+"""Within this distance of its start a robot may be nearer to a teammate than it should be, if it moves away."""
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
@@ -412,6 +460,8 @@ def escape_cells(
     speed_m_s: float,
     tracks: Sequence[Track],
     apart_m: float,
+    *,
+    is_late: bool = False,
 ) -> NDArray[np.int32] | None:
     """Path (N, 2), rows and columns, from a cell to the nearest one that no teammate still has to pass; None for none.
 
@@ -419,6 +469,8 @@ def escape_cells(
     cell that never closes. Each cell of the path is reached before it closes. As cells only ever close, Dijkstra's
     search finds the earliest arrival (Dreyfus, *An Appraisal of Some Shortest-Path Algorithms*, Operations Research 17,
     1969). The path keeps this distance from every teammate, regardless of priority. `traversable` is (H, W).
+
+    With `is_late` cells close at the end, as if teammates stayed behind this robot as long as it is in their way.
     """
     row, column = start
     reach = round(WINDOW_M / geometry.resolution_m)
@@ -436,6 +488,7 @@ def escape_cells(
             np.array([(track.keep_m + apart_m) / geometry.resolution_m for track in tracks]),
             row - low_row,
             column - low_column,
+            LATE_S if is_late else HEAD_START_S,
         )
     found = _escape(window, closes_s, row - low_row, column - low_column, geometry.resolution_m / speed_m_s)
     return found + np.array([low_row, low_column], np.int32) if found.shape[0] else None
@@ -450,16 +503,29 @@ def _close_all(
     reaches_cells: Floats,
     row: int,
     column: int,
+    begin_s: float,
 ) -> None:
     """Close the cells that each track closes to a robot at (row, column); `steps_s` is 0 without priority."""
     end = 0
     for track in range(counts.shape[0]):
         begin, end = end, end + counts[track]
         if steps_s[track] > 0.0:
-            _close(closes_s, cells[begin:end], steps_s[track], HEAD_START_S, reaches_cells[track])
-        # A robot that is already nearer only has to move away.
-        away_cells = math.hypot(cells[begin, 0] - column, cells[begin, 1] - row)
-        _close(closes_s, cells[begin : begin + 1], 1.0, 0.0, min(reaches_cells[track], away_cells))
+            _close(closes_s, cells[begin:end], steps_s[track], begin_s, reaches_cells[track])
+        _close_around(closes_s, cells[begin], reaches_cells[track], row, column)
+
+
+@njit(cache=True, nogil=True)
+def _close_around(closes_s: Floats, cell: Floats, reach_cells: float, row: int, column: int) -> None:
+    """Close the cells within reach of a teammate's place; a robot at (row, column) that is nearer may move away."""
+    height, width = closes_s.shape
+    x, y = cell
+    away_cells = math.hypot(x - column, y - row)
+    for near_row in range(max(0, math.ceil(y - reach_cells)), min(height, math.floor(y + reach_cells) + 1)):
+        for near_column in range(max(0, math.ceil(x - reach_cells)), min(width, math.floor(x + reach_cells) + 1)):
+            apart_cells = math.hypot(x - near_column, y - near_row)
+            is_start = math.hypot(column - near_column, row - near_row) <= START_CELLS
+            if apart_cells < (min(reach_cells, away_cells) if is_start else reach_cells):
+                closes_s[near_row, near_column] = 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -17,9 +17,12 @@ from robrain.algorithms.navigation.right_of_way import (
     STEP_M,
     DrivenPath,
     Margins,
+    Order,
     Release,
     Track,
+    ahead_of,
     meet,
+    position_near,
     release,
 )
 from robrain.algorithms.numeric.kernel_array import Floats
@@ -27,9 +30,9 @@ from robrain.plugins.skill.localisation import LocalisationInterface
 from robrain.plugins.skill.planner import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import Doing, NearbyRobot
-from robrain.protocol.clock import to_ns
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
-from robrain.protocol.model.claim import Claim, Rank
+from robrain.protocol.model.claim import PRIORITY_S, Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 MARGINS = Margins()
@@ -44,6 +47,13 @@ PRESSED_S = 2.5
 waiting for others."""
 CORNERED_AGAIN_S = 4.0
 """Least time between two reports of a robot that has nowhere to go, chosen. The others need time to make room."""
+STANDS_S = 3.0
+"""A robot on another's path goes first until it has stood for this time (chosen). Then claims decide."""
+BEHIND_M = 3.0
+SHARED_M = 1.5
+"""A robot drives behind another that is at most the first distance ahead, and whose path it shares for the second."""
+PRIORITY_MAX = 100.0
+"""Where robots meet, a task's priority counts up to this."""
 NEAR_END_M = 0.3
 """The driver receives a longer released path when it grows by this length, or when the robot comes this near to its
 end."""
@@ -58,20 +68,56 @@ class Encounter:
         radius_m: its radius.
         teammates: the robots around it.
         speed_m_s: its speed.
+        own: (N, 2), its remaining path from where it is; None if it is bound for nowhere.
+        stands_s: time for which it has stood.
 
     """
 
     def __init__(
-        self, robot: str, claim: Claim, radius_m: float, teammates: Sequence[NearbyRobot], speed_m_s: float
+        self,
+        robot: str,
+        claim: Claim,
+        radius_m: float,
+        teammates: Sequence[NearbyRobot],
+        speed_m_s: float,
+        own: Floats | None = None,
+        stands_s: float = 0.0,
     ) -> None:
         self.radius_m = radius_m
         self.teammates = teammates
         self._speed_m_s = speed_m_s
-        self.tracks = _tracks(teammates, radius_m, claim.rank(robot))
+        self.tracks = [
+            msgspec.structs.replace(teammate.track, keep_m=teammate.radius_m + radius_m) for teammate in teammates
+        ]
+        orders = [Order.NEITHER] * len(teammates) if own is None else ahead_of(own, self.tracks, MARGINS.contest_m)
+        rank = claim.rank(robot)
+        for index, (teammate, order) in enumerate(zip(teammates, orders, strict=True)):
+            if teammate.doing is not Doing.MOVING:
+                continue
+            goes_first = teammate.rank < rank
+            if teammate.claim.cornered == claim.cornered:
+                if order is Order.OWN and stands_s <= STANDS_S:
+                    goes_first = False
+                elif order is Order.OTHER and teammate.stands_s <= STANDS_S:
+                    goes_first = True
+            if goes_first:
+                self.tracks[index] = msgspec.structs.replace(self.tracks[index], goes_first=True)
 
     def release(self, ahead: Floats) -> Release:
         """Released part of the positions (N, 2)."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS)
+
+    def leader(self, ahead: Floats) -> NearbyRobot | None:
+        """The next robot on the next `BEHIND_M` of a path (N, 2), if it goes the same way for `SHARED_M`."""
+        shared = round(SHARED_M / STEP_M)
+        found, least = None, round(BEHIND_M / STEP_M) + 1
+        for teammate, track in zip(self.teammates, self.tracks, strict=True):
+            if teammate.doing is not Doing.MOVING or len(track.positions) <= shared:
+                continue
+            at = position_near(ahead[:least], track.positions[0], track.keep_m)
+            if 0 < at < least and position_near(ahead[at:], track.positions[shared], track.keep_m) >= shared // 2:
+                found, least = teammate, at
+        return found
 
     def guard(self, ahead: Floats) -> Release:
         """How far a robot that makes room may go without touching another robot."""
@@ -108,19 +154,6 @@ class Encounter:
         return self._speed_m_s, tracks, REFUGE_M
 
 
-def _tracks(teammates: Sequence[NearbyRobot], radius_m: float, own: Rank) -> list[Track]:
-    """The tracks of teammates as a robot of that radius and rank sees them."""
-    tracks = []
-    for teammate in teammates:
-        track, first = teammate.track, False
-        if teammate.doing is Doing.MOVING:
-            rank = teammate.rank
-            first = (teammate.claim.rank(teammate.name) if rank is None else rank) < own
-        keep_m = teammate.radius_m + radius_m
-        tracks.append(Track(track.positions, track.speed_m_s, track.held_at, keep_m, goes_first=first))
-    return tracks
-
-
 def circles(teammates: Sequence[NearbyRobot], margin_m: float, doing: Doing) -> list[Circle]:
     """Places of teammates of one kind, with a margin beyond their radius."""
     return [
@@ -140,21 +173,15 @@ def zones(teammates: Sequence[NearbyRobot], encounter: Encounter, margin_m: floa
 
 
 class TravelClaim:
-    """The claim of one robot while it travels.
+    """The claim of one robot while it travels."""
 
-    Args:
-        ageing_s: waiting time after which the claim counts for one more.
-
-    """
-
-    def __init__(self, ageing_s: float) -> None:
-        self._ageing_ns = to_ns(ageing_s)
+    def __init__(self) -> None:
         self._own = Claim()
         self._lent: Claim | None = None
         """Claim of the robot for which it makes room."""
+        self._led: Claim | None = None
+        """Claim of the robot behind which it drives."""
         self._held_ns: int | None = None
-        self._counted_ns = 0
-        self._waited_ns = 0
         self._cornered_ns = -to_ns(CORNERED_AGAIN_S)
         self._cornered_by: list[str] = []
         """The teammates that must give way, because this robot cannot."""
@@ -162,14 +189,15 @@ class TravelClaim:
     @property
     def claim(self) -> Claim:
         """Claim by which the robot acts, and which it publishes."""
-        return self._lent or self._own
+        if self._lent is not None:
+            return self._lent
+        return self._own if self._own.cornered or self._led is None else self._led
 
-    def set_out(self, priority: int, path_m: float) -> None:
-        """Begin a new path."""
-        self._own = Claim(priority=priority, path_length_m=round(path_m, 1))
-        self._lent = None
+    def set_out(self, priority: float, now_ns: int) -> None:
+        """Begin a new travel."""
+        self._own = Claim(since_s=round(to_seconds(now_ns) - PRIORITY_S * min(priority, PRIORITY_MAX), 1))
+        self._lent = self._led = None
         self._held_ns = None
-        self._waited_ns = 0
         self._cornered_by = []
 
     def go_on(self) -> None:
@@ -179,13 +207,13 @@ class TravelClaim:
     def wait(self, now_ns: int) -> int:
         """Record that others hold the robot up; returns the uninterrupted time of this, nanoseconds."""
         if self._held_ns is None:
-            self._held_ns = self._counted_ns = now_ns
-        self._waited_ns += now_ns - self._counted_ns
-        self._counted_ns = now_ns
-        waited = self._waited_ns // self._ageing_ns
-        if waited != self._own.waited:
-            self._own = msgspec.structs.replace(self._own, waited=waited)
+            self._held_ns = now_ns
         return now_ns - self._held_ns
+
+    def follow(self, encounter: Encounter, ahead: Floats) -> None:
+        """Act by the claim of the robot behind which this robot drives along positions (N, 2), if there is one."""
+        found = encounter.leader(ahead)
+        self._led = None if found is None else found.claim.lend(found.name)
 
     def make_room_for(self, teammate: NearbyRobot) -> None:
         """Act by that teammate's claim, until `restore`."""

@@ -29,7 +29,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.budget import Budget, length_m
-from robrain.plugins.behavior.travel import PRIORITY_MAX, Travel, TravelParameters, TravelState
+from robrain.plugins.behavior.travel import Travel, TravelParameters, TravelState
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns, to_seconds
@@ -157,7 +157,7 @@ class Errand(Behavior, ABC, Generic[P]):
     def go(self, goal: Point2D) -> Part:
         """Go to a place, arena frame, and stop there."""
         priority = 0.0 if self.run is None else self.run.task.priority
-        if not self.travel.set_out(goal, priority=round(min(priority, PRIORITY_MAX))):
+        if not self.travel.set_out(goal, priority=priority):
             raise Failed(TROUBLE[TravelState.NO_PATH])
         while (progress := self.travel.step()) is not TravelState.ARRIVED:
             if progress in TROUBLE:

@@ -22,7 +22,6 @@ from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers, fr
 from robrain.plugins.behavior.travel import (
     FIND_ITSELF,
     GAP,
-    PRIORITY_MAX,
     Travel,
     TravelParameters,
     TravelState,
@@ -252,7 +251,7 @@ class ExploreBehavior(Behavior):
         elif progress in OUTCOMES:
             self._finish(*OUTCOMES[progress])
 
-    def _aim(self, goal: Point2D, priority: int = 0) -> bool:
+    def _aim(self, goal: Point2D, priority: float = 0.0) -> bool:
         """Set out to a place from which a frontier can be seen; False if there is no path.
 
         The nearest place to stand may not do: a wall may hide the frontier from there, such as the inside of a shelf.
@@ -375,7 +374,7 @@ class ExploreBehavior(Behavior):
         if lost := self._travel.position_lost or unsure:
             return TaskAnswer.refused(lost)
         self._travel.roams = False
-        if not self._aim(task.place, round(min(task.priority, PRIORITY_MAX))):
+        if not self._aim(task.place, task.priority):
             return TaskAnswer.refused(no_path())
         self._search_for(task.place)
         self._task, self._is_own = task, False

@@ -11,7 +11,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from robrain.agent.plugin import Behavior, external
-from robrain.plugins.behavior.travel import FIND_ITSELF, IDLE, Travel, TravelParameters, TravelState
+from robrain.plugins.behavior.travel import FIND_ITSELF, Travel, TravelParameters, TravelState
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
@@ -22,6 +22,8 @@ NEAR_M = 0.5
 """A robot within this distance of its place stays there."""
 SEARCH_AFTER_S = 3.0
 """Another behavior may have a better method to localise the robot: it has this time to begin."""
+HOME_PRIORITY = -1.0
+"""Of the path home: tasks go first."""
 RETRY_S = 30.0
 """Time between a path home that ended early and the next try."""
 
@@ -127,7 +129,7 @@ class IdleBehavior(Behavior):
         self._since_ns = now_ns + to_ns(RETRY_S)
         if not self.env.tasks.occupy(self.env.plugin):
             return
-        if self._travel.set_out(home, priority=IDLE.priority):
+        if self._travel.set_out(home, priority=HOME_PRIORITY):
             self._is_going = True
             self.env.board.behavior = "return"
         else:

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
 from robrain.plugins.behavior.errand import STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
-from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelParameters, TravelState
+from robrain.plugins.behavior.travel import TravelParameters, TravelState
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion
@@ -55,7 +55,7 @@ class Queue:
     def __init__(self, errand: Errand[Recharge], task: Task, yaw_rad: float | None) -> None:
         self._errand = errand
         self._wanted = ChargerPlace(task.place.x_m, task.place.y_m, yaw_rad)
-        self._priority = round(min(task.priority, PRIORITY_MAX))
+        self._priority = task.priority
         self._skipped: dict[Point2D, int] = {}
         """Time until which each is skipped."""
         self._given: dict[Point2D, int] = {}

@@ -15,7 +15,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.algorithms.navigation.source_seeking import FieldFit, FieldSamples
 from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
-from robrain.plugins.behavior.travel import PRIORITY_MAX, TravelState
+from robrain.plugins.behavior.travel import TravelState
 from robrain.plugins.device.sensor_board import SensorBoardInterface
 from robrain.plugins.skill.energy import Work
 from robrain.protocol.border.reading_sieve import measured_at_ns
@@ -154,7 +154,7 @@ class Climb:
         self._errand = errand
         self._travel = errand.travel
         self._clock = errand.env.clock
-        self._priority = round(min(task.priority, PRIORITY_MAX))
+        self._priority = task.priority
         self._place = task.place
         self._seek = seek
         self._field = FieldSamples()

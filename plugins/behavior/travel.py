@@ -15,7 +15,7 @@ from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterface
-from robrain.protocol.clock import to_ns
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim
@@ -87,9 +87,9 @@ CREEP_POSITIONS = 3
 which blocks robots at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
 """Least additional distance before the wait that makes another path with a wait better."""
-PRIORITY_MAX = 100.0
-"""Where robots meet, a task's priority counts up to this."""
-IDLE = Claim(priority=-1)
+MOVED_M = 0.1
+"""Less than this is no motion."""
+IDLE = Claim()
 """An idle robot yields to every robot with a task."""
 
 GAP = "gap_m"
@@ -115,8 +115,6 @@ class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """Speed of the driver, to predict meetings."""
     detour_m: Positive = 3.0
     """Longest detour that is preferred to waiting for another robot."""
-    ageing_s: Positive = 20.0
-    """Each such time of waiting raises the robot's claim by one."""
     teammate_patience_s: Positive = 30.0
     """Time of waiting for other robots, without a break, after which the robot gives up."""
 
@@ -155,7 +153,10 @@ class Travel:
         self._end: Point2D | None = None
         """As near to the goal as the planner leads."""
         self._leg: Leg | None = None
-        self._travel_claim = TravelClaim(parameters.ageing_s)
+        self._travel_claim = TravelClaim()
+        self._moved_at: Pose2D | None = None
+        self._moved_ns = 0
+        """When and where it was last seen to move."""
         self._planned_ns = 0
         self._checked_ns = 0
         """Time of the last search for another path or a refuge."""
@@ -264,7 +265,7 @@ class Travel:
             return None
         return found
 
-    def set_out(self, *goals: Point2D, priority: int = 0, is_narrow: bool = False) -> bool:
+    def set_out(self, *goals: Point2D, priority: float = 0.0, is_narrow: bool = False) -> bool:
         """Go to the first of these places that can be reached.
 
         Paths through narrow places are tried last, unless the goal or the robot is in one. Returns False and changes
@@ -272,7 +273,7 @@ class Travel:
 
         Args:
             goals: the places, arena frame.
-            priority: the task's; where paths meet, the higher goes first.
+            priority: the task's; each degree counts like `PRIORITY_S` under way where paths meet.
             is_narrow: whether the first place is in a narrow place.
 
         """
@@ -287,9 +288,8 @@ class Travel:
                     self._goal = goal
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
-                    leg = self._handle(path, pose, is_narrow=squeezes)
-                    self._travel_claim.set_out(priority, leg.path.length_m)
-                    self._go(leg, self._meet(pose), pose)
+                    self._travel_claim.set_out(priority, self._env.clock.now_ns())
+                    self._go(self._handle(path, pose, is_narrow=squeezes), self._meet(pose), pose)
                     return True
         return False
 
@@ -365,10 +365,22 @@ class Travel:
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
 
     def _meet(self, pose: Pose2D, claim: Claim | None = None) -> Encounter:
+        now_ns = self._env.clock.now_ns()
+        if self._moved_at is None or pose.distance_m(self._moved_at) > MOVED_M:
+            self._moved_at, self._moved_ns = pose, now_ns
         teammates = self.teammates.nearby(Point2D(pose.x_m, pose.y_m), self.teammate_near_m)
         radius_m = self.driver.radius_m() if teammates else 0.0
-        own = claim or self._travel_claim.claim
-        return Encounter(self._env.robot, own, radius_m, teammates, self._parameters.speed_m_s)
+        leg = self._leg if claim is None and teammates else None
+        ahead = None if leg is None else leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
+        return Encounter(
+            self._env.robot,
+            claim or self._travel_claim.claim,
+            radius_m,
+            teammates,
+            self._parameters.speed_m_s,
+            ahead,
+            to_seconds(now_ns - self._moved_ns),
+        )
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
         """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""
@@ -461,6 +473,7 @@ class Travel:
         now_ns = self._env.clock.now_ns()
         ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
+        self._travel_claim.follow(encounter, ahead)
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
@@ -508,7 +521,8 @@ class Travel:
         for is_narrow in (False, True) if leg.is_narrow else (False,):
             path = self._planner.escape(view, place, *encounter.to_escape(), is_narrow=is_narrow)
             if path is None:
-                path = self._planner.escape(view, place, *encounter.to_escape(push=True), is_narrow=is_narrow)
+                found = encounter.to_escape(push=True)
+                path = self._planner.escape(view, place, *found, is_late=True, is_narrow=is_narrow)
             if path is not None:
                 break
         if path is None:

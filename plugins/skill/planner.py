@@ -49,9 +49,10 @@ class PlannerInterface(Protocol):
         tracks: Sequence[Track],
         apart_m: float,
         *,
+        is_late: bool = False,
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
-        """Waypoints to the nearest place clear of all tracks with right of way; None if there is none."""
+        """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
@@ -112,6 +113,7 @@ class Planner(Skill):
         tracks: Sequence[Track],
         apart_m: float,
         *,
+        is_late: bool = False,
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way."""
@@ -119,7 +121,7 @@ class Planner(Skill):
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
-        cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m)
+        cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m, is_late=is_late)
         return None if cells is None else grid.waypoints(cells)
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:

@@ -22,7 +22,7 @@ from robrain.algorithms.navigation.right_of_way import (
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.clock import to_ns
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
 from robrain.protocol.model.checked import Checked
@@ -63,6 +63,8 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Larger than the true radius for a lost robot."""
     doing: Doing
     claim: Claim
+    rank: Rank
+    """`claim.rank(name)`."""
     track: Track
     """Its remaining path; its `keep_m` is this teammate's radius alone, and the user fills in `goes_first`."""
     task: str
@@ -73,8 +75,8 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Behavior that drives the robot."""
     endurance_s: float = math.inf
     """Guaranteed time of its battery at its usual power; inf if it reports none."""
-    rank: Rank | None = None
-    """`claim.rank(name)`, if it has been computed."""
+    stands_s: float = 0.0
+    """Time for which it has stood."""
 
 
 class TeammatesInterface(Protocol):
@@ -155,6 +157,8 @@ class KnownTeammate:
         self.held_at_m: float | None = None
         self.moved_ns = 0
         """When it was last seen to move, or was given reason to."""
+        self.stands_ns = 0
+        """Since when it has stood."""
         self.moved_at: Pose2D | None = None
         self.stalled_ns = stalled_ns
         self.default_speed_m_s = speed_m_s
@@ -178,7 +182,7 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
         at = known.moved_at
         # Each robot does this for each other: a call for it would be a thirtieth of all calls among 64 robots.
         if at is None or math.hypot(pose.x_m - at.x_m, pose.y_m - at.y_m) > MOVED_M:
-            known.moved_at, known.moved_ns = pose, now_ns
+            known.moved_at, known.moved_ns, known.stands_ns = pose, now_ns, now_ns
 
 
 def receive_paths(reported: Sequence[tuple[KnownTeammate, PlannedPath]], now_ns: int) -> None:
@@ -244,12 +248,13 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             radius_m,
             doing,
             known.claim,
+            known.rank,
             Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
             "" if task is None or task.state in ENDED else task.id,
             bound,
             state.behavior,
             math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
-            known.rank,
+            to_seconds(now_ns - known.stands_ns),
         )
     return [known.cached for known in placed if known.cached is not None]
 

@@ -5,40 +5,40 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Length, Name
+from robrain.protocol.model.ranges import Name, Quantity
 
-Degree = Annotated[int, Meta(ge=-1_000_000_000, le=1_000_000_000)]
-Rank = tuple[int, int, float, str, int, str]
+Degree = Annotated[int, Meta(ge=0, le=1_000_000_000)]
+Rank = tuple[int, float, str, int, str]
 """Key by which claims are compared."""
+IDLE_S = 1e12
+"""`since_s` of a robot that is not bound for anywhere: it yields to all others."""
+PRIORITY_S = 20.0
+"""A task's priority counts like this much time under way, for each degree."""
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
-    """Decides a robot's right of way."""
+    """Decides a robot's right of way.
+
+    The robot that set out first goes first, and sets out anew at its goal. So each robot has the right of way over all
+    others at some time, as in PIBT (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent
+    Path Finding*, Artificial Intelligence 310, 2022).
+    """
 
     cornered: Degree = 0
     """Above 0 if the robot has no place to yield to: one more than the robots that press it. The last to be cornered
     goes first, because the others may have found a refuge by now."""
-    priority: Degree = 0
-    """Priority of its task; the higher goes first."""
-    waited: Degree = 0
-    """Counts up while the robot yields. Each count adds one to the priority, so that no robot waits for ever."""
-    path_length_m: Length = 0.0
-    """Length of its path when it set out; the shorter goes first."""
+    since_s: Quantity = IDLE_S
+    """When it set out, by its own clock, less `PRIORITY_S` for each degree of its task's priority."""
     lent_by: Name = ""
-    """A robot that makes room for another uses that robot's claim, so that others make room in turn. This is priority
-    inheritance (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent Path Finding*, IJCAI
-    2019). Empty if the claim is the robot's own."""
+    """The robot whose claim this is: one for which this robot makes room, or behind which it drives. So others make
+    room in turn, and robots in a line meet others as one. Empty if the claim is the robot's own."""
     lent: Degree = 0
     """How many robots have passed the claim on."""
 
-    def beats(self, name: str, other: "Claim", other_name: str) -> bool:
-        """Whether the robot `name` with this claim goes before another; of any two one does, and never both."""
-        return self.rank(name) < other.rank(other_name)
-
     def lend(self, name: str) -> "Claim":
-        """The claim of a robot that makes room for the robot `name`, whose claim this is: next after it."""
+        """The claim of a robot that acts by the claim of the robot `name`, which this is: next after it."""
         return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=self.lent + 1)
 
     def rank(self, name: str) -> Rank:
-        """Key for comparisons with the claim of the robot `name`: the lesser goes first."""
-        return -self.cornered, -(self.priority + self.waited), self.path_length_m, self.lent_by or name, self.lent, name
+        """Key by which the robot `name` with this claim is compared with others: the lesser goes first."""
+        return -self.cornered, self.since_s, self.lent_by or name, self.lent, name

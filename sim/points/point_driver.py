@@ -1,4 +1,4 @@
-"""Driver of a point: it follows paths exactly, at constant speed, and meets no obstacle."""
+"""Driver of a point: it follows paths exactly, at constant speed, and stops before other robots."""
 
 import math
 from typing import Annotated
@@ -8,7 +8,7 @@ from msgspec import Meta
 from robrain.agent.action import Action, Actions
 from robrain.agent.event import Event
 from robrain.agent.plugin import Unit, external
-from robrain.plugins.unit.driver.driver import Driver
+from robrain.plugins.unit.driver.driver import PATH_BLOCKED, Driver
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
 from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
@@ -46,6 +46,10 @@ class PointDriver(Unit):
         self._robot.command()
         if not self._robot.is_driving:
             self._end(self._goal)
+        elif self._action is not None and self.blocked_s() > self.parameters.patience_s:
+            action = self._action
+            self._stop_robot()
+            action.fail(f"{PATH_BLOCKED} for {self.parameters.patience_s:g} s")
         elif self._action is not None and self._length_m > 0.0:
             self._action.progress(1.0 - self._robot.remaining_m() / self._length_m)
 
@@ -107,16 +111,18 @@ class PointDriver(Unit):
     @external
     def motion(self) -> Motion:
         """Present motion of the driver."""
-        return Motion.STOPPED if self._goal is None else Motion.DRIVING
+        if self._goal is None:
+            return Motion.STOPPED
+        return Motion.BLOCKED if self.blocked_s() > 0.0 else Motion.DRIVING
 
     def blocked_s(self) -> float:
-        """Nothing obstructs a point."""
-        return 0.0
+        """Time for which another robot has been in the way."""
+        return self._robot.blocked_s
 
     @external
     def blocked_reason(self) -> str:
-        """Nothing obstructs a point."""
-        return ""
+        """Reason why the robot cannot continue; empty if it is not blocked."""
+        return PATH_BLOCKED if self.blocked_s() > 0.0 else ""
 
     def squeezes(self) -> bool:
         """No place is narrow for a point."""

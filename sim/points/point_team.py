@@ -1,6 +1,6 @@
 """Robots that are points: an exact pose on the floor, and a battery that follows the energy model.
 
-They drive along paths at constant speed, through each other if they must, and turn at once. The plugins of this folder
+They drive along paths at constant speed, stop before they touch each other, and turn at once. The plugins of this folder
 replace those that need a body, a bus or a sensor.
 """
 
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from robrain.agent.environment import Environment
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
+from robrain.algorithms.navigation.navigation_grid import clearance_m
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.sim.faults.fault_spec import HARDWARE, FaultKind, FaultSpec
 from robrain.sim.firmware.battery import J_PER_WH
+from robrain.sim.firmware.motor_controller import WATCHDOG_S
 from robrain.sim.robot.robot_body import MASS_KG
 from robrain.sim.robot.robot_hardware import ArenaRobot
 
 POINT_TICK_S = 0.2
-WATCHDOG_S = 0.5
-"""A robot stands this long after its driver's last command."""
 ROLES = {name: f"point_{name}" for name in ("driver", "localisation", "mapper", "battery")}
 """Plugins of this folder, by the plugin that each replaces."""
 PLACE = Path(__file__).parent
@@ -31,6 +31,8 @@ HARDWARE_PLUGINS = ("mocdevice", "scan", "range_sensors", "bm2", "imu")
 """Stock plugins of hardware that points lack."""
 POSSIBLE = (frozenset(FaultKind) - HARDWARE) | {FaultKind.MOTE_BASE_FLOODS, FaultKind.CARRIED_OFF}
 """Faults that points can have."""
+STOP_M = 0.02
+"""Robots stop this far before they would touch each other."""
 AT_REST = Twist2D()
 
 
@@ -54,7 +56,7 @@ class PointFloor:
         return ranges_m
 
     def classes(self, geometry: GridGeometry) -> NDArray[np.int8]:
-        """(H, W) of another grid: OCCUPIED where a cell has a wall, else FREE; UNKNOWN outside the floor."""
+        """(H, W) of another grid: OCCUPIED where a wall's surface is, FREE beside walls, UNKNOWN in them and outside."""
         own = self._geometry
         rows, columns = np.indices(self._walls.shape)
         row = np.floor((own.origin_y_m + (rows + 0.5) * own.resolution_m - geometry.origin_y_m) / geometry.resolution_m)
@@ -63,8 +65,9 @@ class PointFloor:
         )
         classes = np.full(geometry.shape, UNKNOWN, np.int8)
         at = row.astype(np.int64), column.astype(np.int64)
-        classes[at] = FREE
-        classes[at[0][self._walls], at[1][self._walls]] = OCCUPIED
+        surface = self._walls & (clearance_m(~self._walls, 1.0, 2.0) < 2.0)
+        classes[at[0][~self._walls], at[1][~self._walls]] = FREE
+        classes[at[0][surface], at[1][surface]] = OCCUPIED
         return classes
 
 
@@ -99,6 +102,8 @@ class PointRobot:
         self.power_w = 0.0
         """Power drawn in the last tick, without the charger's."""
         self.is_driving = False
+        self.blocked_s = 0.0
+        """Time for which another robot has been in its way; 0 if none is."""
         self._power = spec.power
         self._idle_total_w = spec.power.idle_total_w(bursting=False)
         self._moving_w: dict[float, float] = {}
@@ -134,6 +139,7 @@ class PointRobot:
         """Stand still."""
         self._path.clear()
         self.is_driving = False
+        self.blocked_s = 0.0
 
     def remaining_m(self) -> float:
         """Length of the rest of the path."""
@@ -168,16 +174,22 @@ class PointRobot:
     def drop_commands(self) -> None:
         """A computer that was killed sends nothing more; the watchdog stops the robot."""
 
-    def step(self, period_s: float) -> None:
-        """Move on, and draw from the battery."""
+    def step(self, period_s: float, others: Floats) -> None:
+        """Move on, and draw from the battery.
+
+        Args:
+            period_s: duration of the step.
+            others: (N, 3) x, y and radius of all robots, arena frame.
+
+        """
         self.forward_m = 0.0
         power_w = self._idle_total_w
         if self._path:
             self._uncommanded_s += period_s
-            if self._uncommanded_s > WATCHDOG_S:
+            if self._uncommanded_s > WATCHDOG_S + 0.5 * period_s:
                 self.stop()
             elif self.energy_j > 0.0:
-                self._move(self._speed_m_s * period_s)
+                self._move(self._speed_m_s * period_s, others)
                 moving_w = self._moving_w.get(self._speed_m_s)
                 if moving_w is None:
                     moving_w = self._power.motion_w(self._speed_m_s, 0.0, MASS_KG)
@@ -189,11 +201,12 @@ class PointRobot:
         self.delivered_j += power_w * period_s
         self.energy_j = min(self.capacity_j, max(0.0, self.energy_j + (self.supply_w - power_w) * period_s))
 
-    def _move(self, reach_m: float) -> None:
+    def _move(self, reach_m: float, others: Floats) -> None:
+        """Move on, unless that would bring it too near to another robot."""
         path, x_m, y_m = self._path, self.x_m, self.y_m
-        left_m, yaw_rad = reach_m, self.yaw_rad
-        while path and left_m > 0.0:
-            to_x_m, to_y_m = path[-1]
+        left_m, yaw_rad, passed = reach_m, self.yaw_rad, 0
+        while passed < len(path) and left_m > 0.0:
+            to_x_m, to_y_m = path[-1 - passed]
             ahead_x_m, ahead_y_m = to_x_m - x_m, to_y_m - y_m
             away_m = math.hypot(ahead_x_m, ahead_y_m)
             if away_m > 0.0:
@@ -206,7 +219,16 @@ class PointRobot:
             else:
                 x_m, y_m = to_x_m, to_y_m
                 left_m -= away_m
-                path.pop()
+                passed += 1
+        then_m = np.hypot(others[:, 0] - x_m, others[:, 1] - y_m)
+        is_near = then_m < others[:, 2] + self.radius_m + STOP_M
+        if is_near.sum() > 1:  # it is near to itself
+            now_m = np.hypot(others[:, 0] - self.x_m, others[:, 1] - self.y_m)
+            if (is_near & (now_m > then_m)).any():
+                self.blocked_s += reach_m / self._speed_m_s
+                return
+        self.blocked_s = 0.0
+        del path[len(path) - passed :]
         self.is_driving = bool(path)
         self.x_m, self.y_m, self.yaw_rad = x_m, y_m, yaw_rad
         self.pose = Pose2D(x_m, y_m, yaw_rad)
@@ -234,8 +256,10 @@ class PointTeam:
 
     def move(self, tick: int) -> None:
         """Move all robots."""
-        for robot in self.robots:
-            robot.step(self._tick_s)
+        places = np.array([(robot.x_m, robot.y_m, robot.radius_m) for robot in self.robots]).reshape(-1, 3)
+        for place, robot in zip(places, self.robots, strict=True):
+            robot.step(self._tick_s, places)
+            place[:2] = robot.x_m, robot.y_m
 
     def report(self, tick: int) -> None:
         """Points have no sensors that send messages."""
