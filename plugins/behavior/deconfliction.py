@@ -94,7 +94,7 @@ class Encounter:
         for index, (teammate, order) in enumerate(zip(teammates, orders, strict=True)):
             if teammate.doing is not Doing.MOVING:
                 continue
-            goes_first = teammate.rank < rank
+            goes_first = (teammate.rank or teammate.claim.rank(teammate.name)) < rank
             if teammate.claim.cornered == claim.cornered:
                 if order is Order.OWN and stands_s <= STANDS_S:
                     goes_first = False

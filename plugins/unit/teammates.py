@@ -63,8 +63,6 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Larger than the true radius for a lost robot."""
     doing: Doing
     claim: Claim
-    rank: Rank
-    """`claim.rank(name)`."""
     track: Track
     """Its remaining path; its `keep_m` is this teammate's radius alone, and the user fills in `goes_first`."""
     task: str
@@ -77,6 +75,8 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Guaranteed time of its battery at its usual power; inf if it reports none."""
     stands_s: float = 0.0
     """Time for which it has stood."""
+    rank: Rank | None = None
+    """`claim.rank(name)`, if it has been computed."""
 
 
 class TeammatesInterface(Protocol):
@@ -248,13 +248,13 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             radius_m,
             doing,
             known.claim,
-            known.rank,
             Track(positions, speed_m_s, held_at, radius_m, goes_first=False),
             "" if task is None or task.state in ENDED else task.id,
             bound,
             state.behavior,
             math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
             to_seconds(now_ns - known.stands_ns),
+            known.rank,
         )
     return [known.cached for known in placed if known.cached is not None]
 
