@@ -353,6 +353,7 @@ class AgentHost:
                 battery=board.battery,
                 energy=board.energy,
                 behavior=board.behavior,
+                waits_for=board.waits_for,
                 task=situation.task,
                 next_task=situation.next_task,
                 task_before=situation.before,

@@ -69,6 +69,8 @@ class RobotStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Id of the task that it does; of a robot that has gone, the last one."""
     behavior: str = ""
     """The behavior that drives it."""
+    waits_for: str = ""
+    """The robot for which it waits."""
     plugins_out: dict[str, list[str]] = {}
     """Plugins that do not run, by the reason."""
     silent_s: float | None = None
@@ -177,7 +179,7 @@ def _cells(robot: RobotStatus) -> list[str]:
         f"{robot.condition}{gone}",
         "–" if robot.soc is None else f"{robot.soc:.0%}",
         "–" if robot.place is None else f"({robot.place.x_m:.1f}, {robot.place.y_m:.1f})",
-        robot.task or robot.behavior or "–",
+        (robot.task or robot.behavior or "–") + (f", waits for {robot.waits_for}" if robot.waits_for else ""),
         str(out) if out else "–",
     ]
 
@@ -216,6 +218,7 @@ def robot_status(robot: str, state: RobotState | None) -> RobotStatus:
         place=None if state.pose is None or state.lost else Point2D(state.pose.x_m, state.pose.y_m),
         task="" if state.task is None or state.task.state.ended else state.task.id,
         behavior=state.behavior,
+        waits_for=state.waits_for,
         plugins_out=plugins_out,
     )
 

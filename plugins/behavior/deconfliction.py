@@ -133,6 +133,13 @@ class Encounter:
                     found.append(teammate.name)
         return found
 
+    def passes_in_s(self, index: int, ahead: Floats) -> float:
+        """Time until a teammate has passed positions (N, 2), if nothing holds it up."""
+        track = self.tracks[index]
+        apart_m = np.hypot(*(track.positions[:, np.newaxis] - ahead).transpose(2, 0, 1)).min(axis=1)
+        last = np.flatnonzero(apart_m < track.keep_m + MARGINS.contest_m)
+        return STEP_M * float(last[-1]) / max(track.speed_m_s, STEP_M) if len(last) else 0.0
+
     def still_meets(self, ahead: Floats, names: Sequence[str]) -> bool:
         """Whether the path of any of these teammates meets that of the robot, regardless of priority."""
         return any(

@@ -152,7 +152,7 @@ class Errand(Behavior, ABC, Generic[P]):
 
     def left_s(self, run: Run[P]) -> float | None:
         """Estimate of a task's remaining time; None if it is unknown."""
-        return self.budget.energy.estimate(self._left(run)).duration_s
+        return self.budget.energy.estimate(self._left(run)).duration_s + self.travel.wait_s
 
     def go(self, goal: Point2D) -> Part:
         """Go to a place, arena frame, and stop there."""

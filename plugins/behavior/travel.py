@@ -172,6 +172,8 @@ class Travel:
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None for another cause."""
+        self.wait_s = 0.0
+        """Estimated time until the robot for which it waits has passed; 0 if it waits for none."""
 
     def connect(self) -> None:
         """Connect the interfaces that it needs.
@@ -357,6 +359,7 @@ class Travel:
         self._end = None
         self._leg = None
         self._search = None
+        self._wait_for("")
 
     def stop(self) -> None:
         """Stop, and publish this."""
@@ -483,11 +486,15 @@ class Travel:
                     return TravelState.MOVING
                 if allowed.must_leave:
                     self._escape(leg, encounter, pose, encounter.teammates[allowed.by])
+                    self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
                     return self._wait()
         leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
         if allowed.is_whole or allowed.positions > 2:
             self._travel_claim.go_on()
+            self._wait_for("")
             return TravelState.MOVING
+        if allowed.by >= 0:
+            self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
         return self._wait()
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
@@ -533,6 +540,9 @@ class Travel:
         self._travel_claim.make_room_for(teammate)
         self._leg = out = Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
         out.drive(out.guard(encounter, pose), self._travel_claim.claim)
+
+    def _wait_for(self, robot: str, wait_s: float = 0.0) -> None:
+        self._env.board.waits_for, self.wait_s = robot, wait_s
 
     def _wait(self) -> TravelState:
         held_ns = self._travel_claim.wait(self._env.clock.now_ns())

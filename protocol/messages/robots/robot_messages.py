@@ -110,6 +110,8 @@ class RobotState(Message, frozen=True, kw_only=True):
     energy: EnergyModel | None = None
     """The robot's knowledge of its consumption."""
     behavior: Name = ""
+    waits_for: Name = ""
+    """The robot for which it waits or makes room; empty if none."""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""

@@ -12,11 +12,14 @@ from hypothesis import strategies as st
 from robrain.algorithms.navigation import right_of_way as escape
 from robrain.algorithms.navigation.right_of_way import (
     HEAD_START_S,
+    START_CELLS,
     STEP_M,
     DrivenPath,
     Margins,
+    Order,
     Release,
     Track,
+    ahead_of,
     escape_cells,
     meet,
     release,
@@ -109,50 +112,42 @@ def test_ways_meet_where_any_positions_are_nearer_than_reach_and_not_as_near():
     assert meet(far, as_near, 0.25) is False
 
 
-claims = st.builds(
-    Claim,
-    cornered=st.integers(0, 2),
-    priority=st.integers(-1, 2),
-    waited=st.integers(0, 2),
-    path_length_m=st.sampled_from([0.0, 1.5, 9.0]),
-)
+claims = st.builds(Claim, cornered=st.integers(0, 2), since_s=st.sampled_from([-20.0, 0.0, 1.5, 9.0]))
 names = st.sampled_from(["r1", "r2", "r10"])
 
 
-@given(claims, claims, names, names)
-def test_of_any_two_robots_one_goes_first_and_both_see_it_alike(one, other, name, other_name):
-    if name != other_name:
-        assert one.beats(name, other, other_name) != other.beats(other_name, one, name)
+@given(claims, claims)
+def test_claims_of_two_robots_are_never_equal(one, other):
+    assert one.rank("r1") != other.rank("r2")
 
 
-@given(claims, claims, claims)
-def test_who_goes_first_is_an_order(first, second, third):
-    if first.beats("a", second, "b") and second.beats("b", third, "c"):
-        assert first.beats("a", third, "c")
-
-
-def test_priority_counts_before_the_way_and_the_way_before_the_name():
-    assert Claim(priority=1, path_length_m=9.0).beats("b", Claim(path_length_m=1.0), "a")
-    assert Claim(path_length_m=1.0).beats("b", Claim(path_length_m=9.0), "a")
-    assert Claim().beats("a", Claim(), "b")
-
-
-def test_waiting_is_as_good_as_priority():
-    assert Claim(waited=2).beats("b", Claim(priority=1), "a")
-
-
-def test_who_was_cornered_last_goes_first():
-    assert Claim(cornered=2).beats("b", Claim(cornered=1, priority=5), "a")
-    assert Claim(cornered=1).beats("b", Claim(priority=5), "a")
+def test_cornered_robot_goes_before_one_that_set_out_first_and_that_before_the_name():
+    assert Claim(cornered=2, since_s=9.0).rank("b") < Claim(cornered=1, since_s=1.0).rank("a")
+    assert Claim(since_s=1.0).rank("b") < Claim(since_s=9.0).rank("a")
+    assert Claim(since_s=1.0).rank("a") < Claim(since_s=1.0).rank("b") < Claim().rank("a")
 
 
 @given(claims, claims)
-def test_who_makes_room_for_somebody_comes_next_after_that_one(claim, other):
+def test_robot_with_a_lent_claim_comes_next_after_its_owner(claim, other):
     lent = claim.lend("a")
-    assert claim.beats("a", lent, "b")
-    if claim.beats("a", other, "c") and other.rank("c")[:3] != claim.rank("a")[:3]:
-        assert lent.beats("b", other, "c")
-    assert lent.beats("b", lent.lend("b"), "c")
+    assert claim.rank("a") < lent.rank("b") < lent.lend("b").rank("c")
+    if claim.rank("a") < other.rank("c") and other.rank("c")[:2] != claim.rank("a")[:2]:
+        assert lent.rank("b") < other.rank("c")
+
+
+def test_robot_on_the_remaining_path_of_another_is_ahead_of_it():
+    own = np.array([(0.0, 0.0), (4.0, 0.0)])
+    own = sample_path(own, 100.0)
+    before = track(sample_path(np.array([(2.0, 0.0), (6.0, 0.0)]), 100.0))
+    behind = track(sample_path(np.array([(-2.0, 0.0), (6.0, 0.0)]), 100.0))
+    oncoming = track(sample_path(np.array([(3.0, 0.0), (-3.0, 0.0)]), 100.0))
+    elsewhere = track(sample_path(np.array([(0.0, 5.0), (4.0, 5.0)]), 100.0))
+    assert ahead_of(own, [before, behind, oncoming, elsewhere], 0.1) == [
+        Order.OTHER,
+        Order.OWN,
+        Order.NEITHER,
+        Order.NEITHER,
+    ]
 
 
 DODGE_M = 0.02
@@ -254,7 +249,8 @@ def _closes_s(cell: tuple[int, int], start: tuple[int, int], tracks: list[Track]
             if track.goes_first and _distance_m(cell, position) < REACH_M:
                 closes_s.append(HEAD_START_S + k * STEP_M / track.speed_m_s)
         now = track.positions[0]
-        if _distance_m(cell, now) < min(REACH_M, _distance_m(start, now)) - 1e-9:
+        near_m = min(REACH_M, _distance_m(start, now)) if math.dist(cell, start) <= START_CELLS else REACH_M
+        if _distance_m(cell, now) < near_m - 1e-9:
             closes_s.append(0.0)
     return min(closes_s)
 
