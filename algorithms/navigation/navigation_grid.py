@@ -218,6 +218,7 @@ class NavigationGrid:
         snap_m: float,
         avoid: Iterable[tuple[float, float, float]] = (),
         dear: Sequence[Zone] = (),
+        keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """A cheapest path from start to as near to the goal as the robot can stand, within `snap_m`.
 
@@ -226,8 +227,8 @@ class NavigationGrid:
             goal: its goal.
             snap_m: how far start and goal may be from the ends of the path.
             avoid: circles (x, y, radius) in metres that must not be driven through.
-            dear: zones in which each cell costs `DEAR` more. If there are some, the path keeps to the right, so that
-                robots that meet pass each other.
+            dear: zones in which each cell costs `DEAR` more.
+            keeps_right: whether the path keeps to the right where there is room, so that robots that meet pass.
 
         Returns: Waypoints without the start's cell, corners rounded where there is room; None if there is no path.
 
@@ -247,11 +248,11 @@ class NavigationGrid:
         cells = plan_path(traversable, cost, ends[0], ends[1])
         if cells is None:
             return None
-        if dear and len(cells) > 1:
-            aside = _keep_right(cells, kernel_array(traversable, BOOL), RIGHT_M / self.geometry.resolution_m)
-            return self._points(aside)
-        comfortable = traversable & (cost < 1.0 + DISCOMFORT / 4)
-        return self.waypoints(shorten_path(cells, comfortable), traversable)
+        corners = shorten_path(cells, traversable & (cost < 1.0 + DISCOMFORT / 4))
+        if keeps_right and len(corners) > 1:
+            aside_cells = RIGHT_M / self.geometry.resolution_m
+            return self._points(_keep_right(corners.astype(np.float64), kernel_array(traversable, BOOL), aside_cells))
+        return self.waypoints(corners, traversable)
 
     def waypoints(self, cells: NDArray[np.int32], traversable: NDArray[np.bool_] | None = None) -> list[Point2D]:
         """Cells (N, 2) as points in metres: without the first, corners rounded where the mask has room for it."""
@@ -375,42 +376,45 @@ def _sweep(inside: NDArray[np.bool_], cells: Floats, counts: NDArray[np.int64], 
 
 
 @njit(cache=True, nogil=True)
-def _keep_right(cells: NDArray[np.int32], traversable: NDArray[np.bool_], aside_cells: float) -> Floats:
-    """A path of neighbouring cells (N, 2) moved to its right as far as there is room; its ends stay."""
-    count = cells.shape[0]
-    path = cells.astype(np.float64)
-    right = np.zeros((count, 2))
-    room = np.zeros(count)
-    for k in range(1, count - 1):
-        low, high = max(0, k - ALONG), min(count - 1, k + ALONG)
-        d_row, d_column = path[high, 0] - path[low, 0], path[high, 1] - path[low, 1]
-        length = math.hypot(d_row, d_column)
-        if length == 0.0:
-            continue
-        right[k, 0], right[k, 1] = -d_column / length, d_row / length
-        reach = min(aside_cells, 0.5 * k, 0.5 * (count - 1 - k))
-        while room[k] + 0.5 <= reach and is_chord_clear(
-            traversable,
-            path[k, 0],
-            path[k, 1],
-            path[k, 0] + (room[k] + 0.5) * right[k, 0],
-            path[k, 1] + (room[k] + 0.5) * right[k, 1],
-        ):
-            room[k] += 0.5
+def _keep_right(corners: Floats, traversable: NDArray[np.bool_], aside_cells: float) -> Floats:
+    """A path (N, 2; row, column) moved to its right as far as there is room, without sharp corners; its ends stay."""
+    steps = np.hypot(corners[1:, 0] - corners[:-1, 0], corners[1:, 1] - corners[:-1, 1])
+    counts = np.ceil(steps).astype(np.int64)
+    count = 1 + counts.sum()
+    path = np.empty((count, 2))
+    k = 0
+    for leg in range(counts.shape[0]):
+        for step in range(counts[leg]):
+            path[k] = corners[leg] + (step / counts[leg]) * (corners[leg + 1] - corners[leg])
+            k += 1
+    path[k] = corners[-1]
     moved = path.copy()
     for k in range(1, count - 1):
-        aside = room[max(0, k - ALONG) : k + ALONG + 1].min()
-        moved[k] += aside * right[k]
-    kept = np.zeros(count, np.bool_)
-    kept[0] = kept[count - 1] = True
-    last = 0
-    for k in range(1, count):
-        if k == count - 1 or k - last >= ALONG:
-            if not is_chord_clear(traversable, moved[last, 0], moved[last, 1], moved[k, 0], moved[k, 1]):
-                return path
-            kept[k] = True
-            last = k
-    return moved[kept]
+        low, high = max(0, k - ALONG), min(count - 1, k + ALONG)
+        d_row, d_column = path[high] - path[low]
+        length = math.hypot(d_row, d_column)
+        room, most = 0.0, min(aside_cells, 0.5 * k, 0.5 * (count - 1 - k))
+        while length > 0.0 and room + 0.5 <= most:
+            row = path[k, 0] - (room + 0.5) * d_column / length
+            column = path[k, 1] + (room + 0.5) * d_row / length
+            if not is_chord_clear(traversable, path[k, 0], path[k, 1], row, column):
+                break
+            moved[k] = row, column
+            room += 0.5
+    kept = [0]
+    smooth = moved.copy()
+    for k in range(ALONG, count - 1, ALONG):
+        near = min(ALONG, count - 1 - k)
+        for axis in range(2):
+            smooth[k, axis] = moved[k - near : k + near + 1, axis].mean()
+        kept.append(k)
+    kept.append(count - 1)
+    for k in range(1, len(kept)):
+        one, other = smooth[kept[k - 1]], smooth[kept[k]]
+        if not is_chord_clear(traversable, one[0], one[1], other[0], other[1]):
+            return path
+    ends: Floats = smooth[np.array(kept)]
+    return ends
 
 
 @njit(cache=True, nogil=True)

@@ -1,7 +1,7 @@
 """Decides how far a robot may drive where its path meets those of others.
 
 Each robot publishes its path and its claim (`claim.py`). A robot that stands or drives where another has yet to pass is
-ahead of it and goes first (`ahead_of`). Otherwise claims decide. Both are compared alike on both sides, so two robots
+ahead of it and goes first (`orders`). Otherwise claims decide. Both are compared alike on both sides, so two robots
 that receive each other agree on which one yields, without an arbiter. This is prioritised planning, one pair at a time
 (Erdmann and Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE
 2005). The robot that goes first drives as if alone. The robot that yields keeps out of the other's whole remaining
@@ -36,6 +36,8 @@ TEAMMATE_AHEAD_M = 25.0
 """Length of a teammate's path that is checked, chosen: the longest corridor that two robots should not both enter."""
 LONGEST_M = 1000.0
 """The longest path that is followed."""
+BEHIND_M, SHARED_M = 3.0, 1.5
+"""Of robots that drive one behind the other (chosen)."""
 SEARCH = 30
 """Largest number of positions by which a robot advances between two checks: 3 m."""
 
@@ -152,32 +154,33 @@ def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list
 
 
 class Order(IntEnum):
-    """Which of two robots is ahead of the other on a path."""
+    """Which of two robots is ahead of the other."""
 
     NEITHER = 0
     """Neither is on the other's path, or each is on that of the other: they meet head-on."""
     OWN = 1
+    """This robot is on the remaining path of the other."""
     OTHER = 2
+    LEADS = 3
+    """The other is ahead, by at most `BEHIND_M`, and its path is that of this robot for `SHARED_M`."""
 
 
-def ahead_of(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[Order]:
-    """Which robot is on the remaining path of the other: this one on a track, or a teammate on this one's path (N, 2).
+def orders(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[int]:
+    """The `Order` of this robot and each other one, by their remaining paths from where they are.
 
-    Paths begin where their robots are.
+    Args:
+        own: (N, 2), path of this robot.
+        tracks: of the others.
+        margin_m: nearer to a path than this and the other's `keep_m` a robot is on it.
+
     """
-    if not tracks:
-        return []
-    positions = [track.positions for track in tracks]
-    counts = np.array([len(each) for each in positions])
-    reaches_m = np.array([track.keep_m + margin_m for track in tracks])
-    return [Order(each) for each in _ahead_of(own, np.concatenate(positions), counts, reaches_m).tolist()]
-
-
-def position_near(positions: Floats, place: Floats, within_m: float) -> int:
-    """The position of a path (N, 2) that is nearest to a place (2,); −1 if none is within that distance."""
-    apart_m = np.hypot(positions[:, 0] - place[0], positions[:, 1] - place[1])
-    nearest = int(np.argmin(apart_m)) if len(positions) else -1
-    return nearest if nearest >= 0 and apart_m[nearest] < within_m else -1
+    routes, counts, reaches_m = [], [], []
+    for track in tracks:
+        routes.append(track.positions)
+        counts.append(len(track.positions))
+        reaches_m.append(track.keep_m + margin_m)
+    found: list[int] = _orders(own, np.concatenate(routes), np.array(counts), np.array(reaches_m)).tolist()
+    return found
 
 
 class DrivenPath:
@@ -192,6 +195,7 @@ class DrivenPath:
         self._points = points
         self._positions = sample_path(points, LONGEST_M)
         self._passed = 0
+        self._ahead: tuple[float, float, float, Floats] | None = None
 
     @cached_property
     def _at_m(self) -> Floats:
@@ -224,11 +228,15 @@ class DrivenPath:
 
         A passed position stays passed. So a path that returns to an earlier place is not cut short.
         """
+        known = self._ahead
+        if known is not None and known[:3] == (x_m, y_m, limit_m):
+            return known[3]
         self._passed = int(_passed_at(self._positions, self._passed, float(x_m), float(y_m)))
         rest = self._positions[self._passed + 1 : self._passed + 1 + round(limit_m / STEP_M)]
         ahead = np.empty((len(rest) + 1, 2))
         ahead[0] = x_m, y_m
         ahead[1:] = rest
+        self._ahead = x_m, y_m, limit_m, ahead
         return ahead
 
     def points_until(self, at_m: float) -> Floats:
@@ -277,17 +285,33 @@ def _any_within(
 
 
 @njit(cache=True, nogil=True)
-def _ahead_of(own: Floats, tracks: Floats, counts: NDArray[np.int64], reaches_m: Floats) -> NDArray[np.int64]:
-    """As `ahead_of`, of tracks that lie one behind the other; `counts` (T,) are their lengths."""
+def _orders(own: Floats, routes: Floats, counts: NDArray[np.int64], reaches_m: Floats) -> NDArray[np.int64]:
+    """As `orders`, of routes that lie one behind the other; `counts` (T,) are their lengths."""
     found = np.zeros(counts.shape[0], np.int64)
+    behind, shared = round(BEHIND_M / STEP_M), round(SHARED_M / STEP_M)
     begin = 0
-    for track in range(counts.shape[0]):
-        end, reach_m = begin + counts[track], reaches_m[track]
-        is_ahead = _meet(own[:1], tracks[begin:end], reach_m)
-        if is_ahead != _meet(own, tracks[begin : begin + 1], reach_m):
-            found[track] = 1 if is_ahead else 2
+    for other in range(counts.shape[0]):
+        end, reach_m = begin + counts[other], reaches_m[other]
+        is_ahead = _meet(own[:1], routes[begin:end], reach_m)
+        if is_ahead != _meet(own, routes[begin : begin + 1], reach_m):
+            found[other] = 1 if is_ahead else 2
+            at = _nearest(own[: behind + 1], routes[begin], reach_m)
+            if not is_ahead and at > 0 and end - begin > shared:
+                if _nearest(own[at:], routes[begin + shared], reach_m) >= shared // 2:
+                    found[other] = 3
         begin = end
     return found
+
+
+@njit(cache=True, nogil=True)
+def _nearest(path: Floats, place: Floats, within_m: float) -> int:
+    """The position of a path (N, 2) that is nearest to a place (2,); −1 if none is within that distance."""
+    nearest, nearest_2 = -1, within_m * within_m
+    for k in range(path.shape[0]):
+        dx, dy = path[k, 0] - place[0], path[k, 1] - place[1]
+        if dx * dx + dy * dy < nearest_2:
+            nearest, nearest_2 = k, dx * dx + dy * dy
+    return nearest
 
 
 @njit(cache=True, nogil=True)

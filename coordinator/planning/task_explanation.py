@@ -207,9 +207,9 @@ class TaskExplainer:
         if record.state is not TaskState.QUEUED:
             robot = f" {'by' if record.state is TaskState.DONE else 'at'} {record.robot}" if record.robot else ""
             known = self._roster.robots.get(record.robot)
-            is_at_it = record.state is TaskState.RUNNING and known is not None and known.state is not None
-            waits = f"It waits for {known.state.waits_for}." if is_at_it and known.state.waits_for else ""
-            return f"{state}{robot}. {self._as_sentence(record.why)} {waits}".rstrip()
+            other = known.state.waits_for if known is not None and known.state is not None else ""
+            waits = f" {record.robot} waits for {other}." if other and record.state is TaskState.RUNNING else ""
+            return f"{state}{robot}.{waits} {self._as_sentence(record.why)}".rstrip()
         nearest = reason.because if isinstance(reason, PlanLeavesOut) else None
         if isinstance(nearest, NearestOut) and nearest.because.code == NO_ROUND_TRIP:
             place = record.task.place

@@ -20,9 +20,8 @@ from robrain.algorithms.navigation.right_of_way import (
     Order,
     Release,
     Track,
-    ahead_of,
     meet,
-    position_near,
+    orders,
     release,
 )
 from robrain.algorithms.numeric.kernel_array import Floats
@@ -47,11 +46,10 @@ PRESSED_S = 2.5
 waiting for others."""
 CORNERED_AGAIN_S = 4.0
 """Least time between two reports of a robot that has nowhere to go, chosen. The others need time to make room."""
-STANDS_S = 3.0
+AHEAD = round(1.0 / STEP_M)
+"""Positions ahead to which the direction of a path is taken."""
+STANDS_NS = to_ns(3.0)
 """A robot on another's path goes first until it has stood for this time (chosen). Then claims decide."""
-BEHIND_M = 3.0
-SHARED_M = 1.5
-"""A robot drives behind another that is at most the first distance ahead, and whose path it shares for the second."""
 PRIORITY_MAX = 100.0
 """Where robots meet, a task's priority counts up to this."""
 NEAR_END_M = 0.3
@@ -69,7 +67,8 @@ class Encounter:
         teammates: the robots around it.
         speed_m_s: its speed.
         own: (N, 2), its remaining path from where it is; None if it is bound for nowhere.
-        stands_s: time for which it has stood.
+        stands_ns: since when it has stood.
+        now_ns: the time.
 
     """
 
@@ -81,43 +80,35 @@ class Encounter:
         teammates: Sequence[NearbyRobot],
         speed_m_s: float,
         own: Floats | None = None,
-        stands_s: float = 0.0,
+        stands_ns: int = 0,
+        now_ns: int = 0,
     ) -> None:
         self.radius_m = radius_m
         self.teammates = teammates
         self._speed_m_s = speed_m_s
-        self.tracks = [
-            msgspec.structs.replace(teammate.track, keep_m=teammate.radius_m + radius_m) for teammate in teammates
-        ]
-        orders = [Order.NEITHER] * len(teammates) if own is None else ahead_of(own, self.tracks, MARGINS.contest_m)
-        rank = claim.rank(robot)
-        for index, (teammate, order) in enumerate(zip(teammates, orders, strict=True)):
-            if teammate.doing is not Doing.MOVING:
-                continue
-            goes_first = (teammate.rank or teammate.claim.rank(teammate.name)) < rank
-            if teammate.claim.cornered == claim.cornered:
-                if order is Order.OWN and stands_s <= STANDS_S:
-                    goes_first = False
-                elif order is Order.OTHER and teammate.stands_s <= STANDS_S:
-                    goes_first = True
-            if goes_first:
-                self.tracks[index] = msgspec.structs.replace(self.tracks[index], goes_first=True)
+        self.tracks = list[Track]()
+        self.leader: NearbyRobot | None = None
+        """The robot behind which this one drives."""
+        found = [0] * len(teammates)
+        if own is not None and teammates:
+            found = orders(own, [teammate.track for teammate in teammates], radius_m + MARGINS.contest_m)
+        rank, moved_ns = claim.rank(robot), now_ns - STANDS_NS
+        for teammate, order in zip(teammates, found, strict=True):
+            track, goes_first, keep_m = teammate.track, False, teammate.radius_m + radius_m
+            if teammate.doing is Doing.MOVING:
+                goes_first = (teammate.rank or teammate.claim.rank(teammate.name)) < rank
+                if teammate.claim.cornered == claim.cornered:
+                    if order == Order.OWN and stands_ns >= moved_ns:
+                        goes_first = False
+                    elif order >= Order.OTHER and teammate.stands_ns >= moved_ns:
+                        goes_first = True
+                if order == Order.LEADS:
+                    self.leader = teammate
+            self.tracks.append(Track(track.positions, track.speed_m_s, track.held_at, keep_m, goes_first=goes_first))
 
     def release(self, ahead: Floats) -> Release:
         """Released part of the positions (N, 2)."""
         return release(ahead, self._speed_m_s, self.tracks, MARGINS)
-
-    def leader(self, ahead: Floats) -> NearbyRobot | None:
-        """The next robot on the next `BEHIND_M` of a path (N, 2), if it goes the same way for `SHARED_M`."""
-        shared = round(SHARED_M / STEP_M)
-        found, least = None, round(BEHIND_M / STEP_M) + 1
-        for teammate, track in zip(self.teammates, self.tracks, strict=True):
-            if teammate.doing is not Doing.MOVING or len(track.positions) <= shared:
-                continue
-            at = position_near(ahead[:least], track.positions[0], track.keep_m)
-            if 0 < at < least and position_near(ahead[at:], track.positions[shared], track.keep_m) >= shared // 2:
-                found, least = teammate, at
-        return found
 
     def guard(self, ahead: Floats) -> Release:
         """How far a robot that makes room may go without touching another robot."""
@@ -132,6 +123,12 @@ class Encounter:
                 if meet(here, track, MARGINS.contest_m, soon):
                     found.append(teammate.name)
         return found
+
+    def is_oncoming(self, index: int, ahead: Floats) -> bool:
+        """Whether a teammate drives against the direction of a path (N, 2)."""
+        theirs = self.tracks[index].positions
+        own_m, their_m = ahead[min(AHEAD, len(ahead) - 1)] - ahead[0], theirs[min(AHEAD, len(theirs) - 1)] - theirs[0]
+        return bool(own_m[0] * their_m[0] + own_m[1] * their_m[1] < 0.0)
 
     def passes_in_s(self, index: int, ahead: Floats) -> float:
         """Time until a teammate has passed positions (N, 2), if nothing holds it up."""
@@ -148,16 +145,18 @@ class Encounter:
             if teammate.name in names
         )
 
-    def to_escape(self, *, push: bool = False) -> tuple[float, list[Track], float]:
+    def to_escape(self, pressed_by: NearbyRobot | None = None) -> tuple[float, list[Track], float]:
         """Input of the planner for finding a refuge: own speed, tracks, distance between hulls.
 
-        With `push`, teammates with lower priority do not count: they make room in turn.
+        Without the robots that make room in turn: those with lower priority than this robot and those that act by the
+        claim of the robot that presses it.
         """
-        tracks = [
-            track
-            for teammate, track in zip(self.teammates, self.tracks, strict=True)
-            if not push or track.goes_first or teammate.doing is Doing.OBSTACLE
-        ]
+        owner = "" if pressed_by is None else pressed_by.claim.lent_by or pressed_by.name
+        tracks = []
+        for teammate, track in zip(self.teammates, self.tracks, strict=True):
+            makes_room = teammate is not pressed_by and (not track.goes_first or teammate.claim.lent_by == owner)
+            if not owner or teammate.doing is Doing.OBSTACLE or not makes_room:
+                tracks.append(track)
         return self._speed_m_s, tracks, REFUGE_M
 
 
@@ -217,10 +216,9 @@ class TravelClaim:
             self._held_ns = now_ns
         return now_ns - self._held_ns
 
-    def follow(self, encounter: Encounter, ahead: Floats) -> None:
-        """Act by the claim of the robot behind which this robot drives along positions (N, 2), if there is one."""
-        found = encounter.leader(ahead)
-        self._led = None if found is None else found.claim.lend(found.name)
+    def follow(self, leader: NearbyRobot | None) -> None:
+        """Act by the claim of the robot behind which this robot drives, if there is one."""
+        self._led = None if leader is None else leader.claim.lend(leader.name)
 
     def make_room_for(self, teammate: NearbyRobot) -> None:
         """Act by that teammate's claim, until `restore`."""

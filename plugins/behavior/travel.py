@@ -15,7 +15,7 @@ from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
 from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterface
-from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import Claim
@@ -87,6 +87,8 @@ CREEP_POSITIONS = 3
 which blocks robots at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
 """Least additional distance before the wait that makes another path with a wait better."""
+RIGHT_S = 4.0
+"""A robot keeps to the right for this time after another has come towards it (chosen)."""
 MOVED_M = 0.1
 """Less than this is no motion."""
 IDLE = Claim()
@@ -162,6 +164,8 @@ class Travel:
         """Time of the last search for another path or a refuge."""
         self._contested_ns: int | None = None
         """When others last held the robot up."""
+        self._right_until_ns = 0
+        """Until when it keeps to the right, because a robot came towards it."""
         self._creep_until_ns = 0
         self._lost_ns: int | None = None
         """Time since which the planner has found no path."""
@@ -382,7 +386,8 @@ class Travel:
             teammates,
             self._parameters.speed_m_s,
             ahead,
-            to_seconds(now_ns - self._moved_ns),
+            self._moved_ns,
+            now_ns,
         )
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
@@ -411,11 +416,14 @@ class Travel:
         start, view, teammates = self.place(), self.view(), encounter.teammates
         margin_m = encounter.radius_m + self._parameters.teammate_margin_m
         dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
+        keeps_right = self._env.clock.now_ns() < self._right_until_ns
         at_rest = circles(teammates, margin_m, Doing.IDLE)
         lasting = circles(teammates, margin_m, Doing.OBSTACLE)
-        path = self._planner.plan(view, start, goal, lasting + at_rest, dear, is_narrow=is_narrow)
+        path = self._planner.plan(
+            view, start, goal, lasting + at_rest, dear, is_narrow=is_narrow, keeps_right=keeps_right
+        )
         if path is None and at_rest:  # a robot without a path may make room
-            path = self._planner.plan(view, start, goal, lasting, dear, is_narrow=is_narrow)
+            path = self._planner.plan(view, start, goal, lasting, dear, is_narrow=is_narrow, keeps_right=keeps_right)
         return path
 
     def _must_replan(self, pose: Pose2D, now_ns: int) -> bool:
@@ -476,10 +484,12 @@ class Travel:
         now_ns = self._env.clock.now_ns()
         ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
-        self._travel_claim.follow(encounter, ahead)
+        self._travel_claim.follow(encounter.leader)
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
+            if allowed.by >= 0 and encounter.is_oncoming(allowed.by, ahead):
+                self._right_until_ns = now_ns + to_ns(RIGHT_S)
             if now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s):
                 self._checked_ns = now_ns
                 if self._detour(leg, encounter, pose, allowed):
@@ -528,7 +538,7 @@ class Travel:
         for is_narrow in (False, True) if leg.is_narrow else (False,):
             path = self._planner.escape(view, place, *encounter.to_escape(), is_narrow=is_narrow)
             if path is None:
-                found = encounter.to_escape(push=True)
+                found = encounter.to_escape(teammate)
                 path = self._planner.escape(view, place, *found, is_late=True, is_narrow=is_narrow)
             if path is not None:
                 break

@@ -33,6 +33,7 @@ class PlannerInterface(Protocol):
         dear: Sequence[Zone] = (),
         *,
         is_narrow: bool = False,
+        keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand; None if there is no path.
 
@@ -100,10 +101,11 @@ class Planner(Skill):
         dear: Sequence[Zone] = (),
         *,
         is_narrow: bool = False,
+        keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand."""
         grid = self._navigation(view, is_narrow=is_narrow)
-        return grid.path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear)
+        return grid.path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
 
     def escape(
         self,

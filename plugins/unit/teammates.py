@@ -22,7 +22,7 @@ from robrain.algorithms.navigation.right_of_way import (
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
-from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
 from robrain.protocol.model.checked import Checked
@@ -73,8 +73,8 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Behavior that drives the robot."""
     endurance_s: float = math.inf
     """Guaranteed time of its battery at its usual power; inf if it reports none."""
-    stands_s: float = 0.0
-    """Time for which it has stood."""
+    stands_ns: int = 0
+    """Since when it has stood."""
     rank: Rank | None = None
     """`claim.rank(name)`, if it has been computed."""
 
@@ -253,7 +253,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             bound,
             state.behavior,
             math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
-            to_seconds(now_ns - known.stands_ns),
+            known.stands_ns,
             known.rank,
         )
     return [known.cached for known in placed if known.cached is not None]
