@@ -64,6 +64,17 @@ def test_a_scan_that_lies_on_a_mates_submap_puts_the_robots_submap_right(wrong: 
     assert off(scene.solved().compose(local), TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
 
 
+@pytest.mark.parametrize("axis", [0, 4])
+def test_a_scan_is_searched_for_as_far_as_robot_and_submap_are_unsure_together(axis: int) -> None:
+    scene = Scene(MATE)
+    scene.desk.receive_submap_poses(
+        joined_message("r2", GEOMETRY, [pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(0.03, 1e-5))])
+    )
+    unsure = tuple(0.03 if index == axis else value for index, value in enumerate(SURE))
+    assert scene.look(TRUE, beside(TRUE, 0.4, 0.4), covariance=unsure)
+    assert scene.desk.closed == 1
+
+
 @pytest.mark.parametrize(
     ("scanned", "contradicted"),
     [

@@ -1,6 +1,7 @@
 """When a mapper takes a scan in, cuts submaps, tells of them, and moves them by what mates' scans say."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -175,6 +176,19 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
     assert (part.robot, part.submap, part.T_arena_local) == ("r1", host.board.shared(OwnMap).local_map.number, moved)
     assert part.variance_m2 == pytest.approx(max(host.board.shared(OwnMap).local_map.variances[:2]))
     assert part.variance_rad2 == pytest.approx(host.board.shared(OwnMap).local_map.variances[2])
+
+
+def test_submaps_are_moved_every_two_seconds_while_closures_come(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    publisher, places = one.publisher(ROBOT_CLOSURES, robot="r2"), []
+    for step in range(60):
+        publisher.put(closure(host.board.shared(OwnMap).local_map.number, 0.3 + 0.001 * step))
+        scanned(one, 0.1)
+        places.append(host.board.shared(OwnMap).local_map.T_arena_local)
+    moved = [step for step, (before, now) in enumerate(pairwise(places)) if now != before]
+    assert [after - before for before, after in pairwise(moved)] == [20, 20]
 
 
 def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
