@@ -15,6 +15,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+import zenoh
 from hypothesis import HealthCheck, settings
 
 from robrain.protocol.border.record_guard import RecordGuard
@@ -108,13 +109,18 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture
-def wire() -> Iterator[Endpoint]:
+def lockstep_session() -> Iterator[zenoh.Session]:
+    """A session of the test's own."""
+    with open_lockstep_session() as session:
+        yield session
+
+
+@pytest.fixture
+def wire(lockstep_session: zenoh.Session) -> Iterator[Endpoint]:
     """An endpoint in lockstep on a session of the test's own."""
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
+    endpoint = Endpoint(lockstep_session, "test", VirtualClock(), Drive.LOCKSTEP)
     yield endpoint
     endpoint.close()
-    session.close()
 
 
 @pytest.fixture

@@ -5,16 +5,6 @@ import pytest
 from robrain.coordinator.leadership.election import Election, Won
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, WitnessRefusal, WitnessReply
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
-
-
-@pytest.fixture
-def wire():
-    with open_lockstep_session() as session:
-        wire = Endpoint(session, "elects", VirtualClock(to_ns(100.0)), Drive.LOCKSTEP)
-        yield wire
-        wire.close()
 
 
 def outcome(election: Election, clock: VirtualClock) -> Won | None:
@@ -48,6 +38,6 @@ def test_half_of_the_witnesses_elect_nobody_and_a_lease_counts_from_the_vote_tha
     for name in ("r1", "r2"):
         wire.answer(ROBOT_WITNESS, lambda _, of=name: WitnessReply(refusal=refusals.get(of), election=1), robot=name)
     election = Election(wire, ("r1", "r2"), "journal")
-    assert [election.step(to_ns(100.0), is_copy=False) for _ in range(3)] == [None] * 3
+    assert [election.step(0, is_copy=False) for _ in range(3)] == [None] * 3
     refusals.clear()
-    assert outcome(election, wire.clock).asked_ns == to_ns(100.0) < wire.clock.now_ns()
+    assert outcome(election, wire.clock).asked_ns == 0 < wire.clock.now_ns()

@@ -115,18 +115,6 @@ ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
 
 
-def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
-    """A robot's desk that knows these submaps, all of the same room."""
-    graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
-    for key in keys:
-        submap = Submap(IDENTITY)
-        submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
-        submap.surfaces = SEEN.surfaces
-        atlas.submaps[key] = submap
-    graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))
-    return ClosureFinder("r1", graph, atlas, 0.0)
-
-
 def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
     """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
     here = PLACES[turn % len(PLACES)]
@@ -135,7 +123,7 @@ def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
 
 
 def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robot_is_wrong() -> None:
-    desk = desk_with(TWO_ROBOTS)
+    desk = Scene(*TWO_ROBOTS).desk
     whys = []
     for turn in range(6):
         look(desk, turn)
@@ -150,7 +138,7 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
 
 @pytest.mark.parametrize("keys", [TWO_ROBOTS[1:], (("r2", 7), ("r2", 8), ("r2", 9))])
 def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[SubmapKey, ...]) -> None:
-    desk = desk_with(keys)
+    desk = Scene(*keys).desk
     for turn in range(12):
         look(desk, turn)
         assert desk.misplacement_reason() == ""
