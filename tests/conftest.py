@@ -108,6 +108,20 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"{left_out} tests were NOT RUN: {WHY_NOT}", yellow=True, bold=True)
 
 
+@pytest.fixture(scope="module")
+def session() -> Iterator[zenoh.Session]:
+    """A session of a lockstep run, which the tests of a file share."""
+    with open_lockstep_session() as session:
+        yield session
+
+
+@pytest.fixture(scope="module")
+def hub() -> Iterator[zenoh.Session]:
+    """A session at which others of a live team may join, which the tests of a file share."""
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
+        yield session
+
+
 @pytest.fixture
 def lockstep_session() -> Iterator[zenoh.Session]:
     """A session of the test's own."""

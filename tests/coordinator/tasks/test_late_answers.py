@@ -104,8 +104,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk(lockstep_session: zenoh.Session) -> Iterator[Desk]:
-    one = Desk(lockstep_session)
+def desk(session: zenoh.Session) -> Iterator[Desk]:
+    one = Desk(session)
     yield one
     one.wire.close()
 

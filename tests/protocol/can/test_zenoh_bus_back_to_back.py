@@ -27,13 +27,6 @@ def open_bus(**options) -> can.BusABC:
     )
 
 
-@pytest.fixture(scope="module")
-def hub() -> Iterator[zenoh.Session]:
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
-
-
 @pytest.fixture(params=["lockstep", "one_session", "clients"])
 def open_node(request, hub, session) -> Iterator[Open]:
     """Opens nodes of one bus; all are shut down at the end."""
