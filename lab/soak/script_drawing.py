@@ -45,8 +45,10 @@ def draw_script(seed: int) -> FaultScript:
     if rng.random() < 0.35:
         at_s = _time(rng, 2.0, SPAN_S)
         halts = (HaltOrder(at_s=at_s, until_s=round(at_s + float(rng.uniform(2.0, 25.0)), 1)),)
-    faults = (*_faults(rng, names), *_around_halts(rng, names, halts))
     absence = _absence(seed, names)
+    # A coordinator waits ten minutes for robots that may allocate tasks among themselves, longer than a script lasts.
+    killed_max = len(names) - 1 if absence is None else (len(names) - 1) // 2
+    faults = (*_faults(rng, names, killed_max), *_around_halts(rng, names, halts))
     return FaultScript(
         seed=seed,
         robots=robots,
@@ -101,21 +103,18 @@ def _tasks(rng: np.random.Generator) -> tuple[TaskInput, ...]:
     return tuple(orders)
 
 
-def _faults(rng: np.random.Generator, names: list[str]) -> tuple[FaultSpec, ...]:
-    faults = []
+def _faults(rng: np.random.Generator, names: list[str], killed_max: int) -> Iterator[FaultSpec]:
     killed_for_good = 0
     for _ in range(int(rng.integers(1, 9))):
         kind = str(rng.choice(list(_KINDS), p=_SHARES))
         target = COORDINATOR if rng.random() < 0.35 else str(rng.choice(names))
         at_s = _time(rng, 0.0, SPAN_S)
         fault = _KINDS[kind](rng, target, at_s)
-        is_agent = fault.kind is FaultKind.KILL and fault.robot != COORDINATOR
-        is_one_left = killed_for_good < len(names) - 1 and target == names[killed_for_good]
-        if is_agent and is_one_left and rng.random() < 0.3:
+        may_be_killed = killed_for_good < killed_max and target == names[killed_for_good]
+        if fault.kind is FaultKind.KILL and may_be_killed and rng.random() < 0.3:
             killed_for_good += 1
             fault = FaultSpec(robot=target, kind=FaultKind.KILL, at_s=at_s)
-        faults.append(fault)
-    return tuple(faults)
+        yield fault
 
 
 def _around_halts(rng: np.random.Generator, names: list[str], halts: tuple[HaltOrder, ...]) -> Iterator[FaultSpec]:
