@@ -32,11 +32,11 @@ class GcPause:
         gc.freeze()
 
     def release(self) -> None:
-        """Restore the collector, once no other is held; calling it again does nothing."""
-        if not self._is_held:
-            return
-        self._is_held = False
-        GcPause._held -= 1
-        if not GcPause._held:
-            gc.set_threshold(*GcPause._usual)
-            gc.unfreeze()
+        """Restore the collector and collect, once no other is held; calling it again does nothing."""
+        if self._is_held:
+            self._is_held = False
+            GcPause._held -= 1
+            if not GcPause._held:
+                gc.set_threshold(*GcPause._usual)
+                gc.unfreeze()
+                gc.collect()  # the collector counts what was frozen as old, and would not look at it for thousands of runs

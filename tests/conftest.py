@@ -15,6 +15,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+import zenoh
 from hypothesis import HealthCheck, settings
 
 from robrain.protocol.border.record_guard import RecordGuard
@@ -107,14 +108,33 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"{left_out} tests were NOT RUN: {WHY_NOT}", yellow=True, bold=True)
 
 
+@pytest.fixture(scope="module")
+def session() -> Iterator[zenoh.Session]:
+    """A session of a lockstep run, which the tests of a file share."""
+    with open_lockstep_session() as session:
+        yield session
+
+
+@pytest.fixture(scope="module")
+def hub() -> Iterator[zenoh.Session]:
+    """A session at which others of a live team may join, which the tests of a file share."""
+    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
+        yield session
+
+
 @pytest.fixture
-def wire() -> Iterator[Endpoint]:
+def lockstep_session() -> Iterator[zenoh.Session]:
+    """A session of the test's own."""
+    with open_lockstep_session() as session:
+        yield session
+
+
+@pytest.fixture
+def wire(lockstep_session: zenoh.Session) -> Iterator[Endpoint]:
     """An endpoint in lockstep on a session of the test's own."""
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(), Drive.LOCKSTEP)
+    endpoint = Endpoint(lockstep_session, "test", VirtualClock(), Drive.LOCKSTEP)
     yield endpoint
     endpoint.close()
-    session.close()
 
 
 @pytest.fixture

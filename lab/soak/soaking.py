@@ -1,6 +1,5 @@
 """The work of `robrain soak`: seeds of fault scripts, run and judged side by side, and the failing ones shrunk."""
 
-import gc
 import shlex
 import time
 from collections import Counter
@@ -396,7 +395,6 @@ def run_script(script: FaultScript, should_stop: Callable[[], bool] = lambda: Fa
 
 def soak_one(task: SoakTask) -> SoakRecord:
     """Run the script of a seed, and shrink it if it breaks an invariant; in a worker process."""
-    _freeze_code()
     with errors_alone():
         script = draw(task.seed, is_full=task.is_full)
         began_s = time.process_time()
@@ -418,13 +416,6 @@ def soak_one(task: SoakTask) -> SoakRecord:
         return SoakRecord(
             seed=task.seed, state=RunState.DONE, verdict=verdict, script=shrunk, trials=shrinker.trials, cpu_s=cpu_s
         )
-
-
-@cache
-def _freeze_code() -> None:
-    """Exclude everything loaded so far in this process from the garbage collector: a tenth less time for scripts."""
-    gc.collect()
-    gc.freeze()
 
 
 def soak(options: SoakOptions, on_progress: Callable[[SoakResult], None] = lambda _result: None) -> SoakResult:

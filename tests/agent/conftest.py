@@ -19,7 +19,6 @@ from robrain.agent.plugin import Plugin
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.session import open_lockstep_session
 
 PRELUDE = """
 from typing import Protocol
@@ -106,16 +105,9 @@ def _as_toml(tables: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.fixture(scope="session")
-def lockstep_session() -> Iterator[zenoh.Session]:
-    session = open_lockstep_session()
-    yield session
-    session.close()
-
-
 @pytest.fixture
-def bench(tmp_path: Path, lockstep_session: zenoh.Session, caplog: pytest.LogCaptureFixture) -> Iterator[Bench]:
+def bench(tmp_path: Path, session: zenoh.Session, caplog: pytest.LogCaptureFixture) -> Iterator[Bench]:
     caplog.set_level(logging.WARNING)
-    bench = Bench(tmp_path, lockstep_session)
+    bench = Bench(tmp_path, session)
     yield bench
     bench.close()

@@ -57,6 +57,14 @@ def untangled(text: str) -> str:
     return "\n".join(line for line in text.splitlines() if line.strip(" ~^"))
 
 
+def test_a_plugin_tells_where_a_thread_is_in_it(bench, lamp, monkeypatch):
+    found, tag = [], bench.start("lamp").manager.get("lamp")
+    helper = tag.plugin_class.dim.__globals__["helper"]
+    monkeypatch.setattr(helper, "divide", lambda _: found.append(tag.stuck_at()) or 7)
+    assert (bench.call("lamp", "dim", [1]), tag.stuck_at()) == (7, None)
+    assert [frame.tb_frame.f_code.co_name for frame in found] == ["dim"]
+
+
 def test_a_fault_is_listed_with_its_line_and_traceback(bench, lamp):
     bench.start("lamp")
     bench.plugin("lamp").broken = True

@@ -32,7 +32,6 @@ from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 
 TICK_S = 0.02
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 120, 80)
@@ -269,13 +268,12 @@ class Team:
 
 
 @pytest.fixture
-def team() -> Iterator[Team]:
-    with open_lockstep_session() as session:
-        team = Team(session)
-        yield team
-        team.close()
-        # Whatever the test was about: tasks only ever change in legal order.
-        states: dict[str, TaskState] = {}
-        for event in team.heard:
-            assert event.state in LEGAL[states.get(event.task.id)], (event, states.get(event.task.id))
-            states[event.task.id] = event.state
+def team(lockstep_session: zenoh.Session) -> Iterator[Team]:
+    team = Team(lockstep_session)
+    yield team
+    team.close()
+    # Whatever the test was about: tasks only ever change in legal order.
+    states: dict[str, TaskState] = {}
+    for event in team.heard:
+        assert event.state in LEGAL[states.get(event.task.id)], (event, states.get(event.task.id))
+        states[event.task.id] = event.state

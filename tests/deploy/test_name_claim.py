@@ -1,7 +1,6 @@
 """Claims of a name by clients of one hub."""
 
 import threading
-from collections.abc import Iterator
 
 import pytest
 import zenoh
@@ -19,13 +18,6 @@ from tests.waiting import until
 TEAM = "default"
 WAIT_S = 120.0
 ROBOT = (name_claim.ROBOT_CLAIM, name_claim.ROBOT_ALIVE, name_claim.ROBOT_WHO)
-
-
-@pytest.fixture(scope="module")
-def hub() -> Iterator[zenoh.Session]:
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import json
 import math
 import threading
 import zlib
-from collections.abc import Iterator
 from concurrent.futures import Future
 from typing import Any, NamedTuple
 
@@ -36,8 +35,7 @@ from robrain.protocol.ros2.message_types import (
 )
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Qos
 from robrain.protocol.ros2.ros_port import ReceivedMessage
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.endpoint import Endpoint
 
 GEOMETRY = GridGeometry(width=8, height=6, resolution_m=0.05, origin_x_m=-1.0, origin_y_m=-2.0)
 
@@ -167,12 +165,10 @@ class Bench(NamedTuple):
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    clock, port, orders = VirtualClock(to_ns(100.5)), KeptPort(), KeptOrders()
-    with open_lockstep_session() as session:
-        wire = Endpoint(session, "t", clock, Drive.LOCKSTEP)
-        yield Bench(clock, wire, port, orders, Gateway(wire, port, orders))
-        wire.close()
+def bench(wire: Endpoint) -> Bench:
+    port, orders = KeptPort(), KeptOrders()
+    wire.clock.advance_to(to_ns(100.5))
+    return Bench(wire.clock, wire, port, orders, Gateway(wire, port, orders))
 
 
 def test_a_robots_place_is_a_pose_and_a_transform(bench):

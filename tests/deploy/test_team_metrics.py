@@ -10,7 +10,7 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from robrain.deploy.processes.metrics_process import COUNTERS, METRICS, TeamMetrics
-from robrain.protocol.clock import VirtualClock, to_ns
+from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, BatteryState, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
@@ -18,24 +18,9 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TopicStale
 from robrain.protocol.refusals import Refusal
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 
 BATTERY = BatteryState(voltage_v=12.0, current_a=1.0, temperature_c=20.0, soc=0.42, remaining_j=100.0)
 REFUSAL = Refusal(topic="robot_event", key="robrain/t/robot/r1/event/a/b", code="lost", count=7, why="away")
-
-
-@pytest.fixture
-def clock():
-    return VirtualClock()
-
-
-@pytest.fixture
-def wire(clock):
-    with open_lockstep_session() as session:
-        one = Endpoint(session, "t", clock, Drive.LOCKSTEP)
-        yield one
-        one.close()
 
 
 def scrape(metrics):
@@ -50,15 +35,15 @@ def scrape(metrics):
     }
 
 
-def test_a_robots_state_becomes_metrics(wire, clock):
+def test_a_robots_state_becomes_metrics(wire):
     metrics = TeamMetrics(wire)
     wire.token(ROBOT_ALIVE, robot="r1")
     states = wire.publisher(ROBOT_STATE, robot="r1")
     for at_s in (1.0, 1.1, 1.6):
-        clock.advance_to(to_ns(at_s))
+        wire.clock.advance_to(to_ns(at_s))
         states.put(RobotState(robot="r1", battery=BATTERY, halted=True, skipped=3, refused=[REFUSAL]))
     metrics.update()
-    clock.advance_to(to_ns(2.0))
+    wire.clock.advance_to(to_ns(2.0))
     found = metrics_of = {name: family for family in metrics.collect() for name in [family.name]}
     assert set(found) == set(METRICS)
     values = {name: [(each.labels, each.value) for each in family.samples] for name, family in metrics_of.items()}
@@ -74,7 +59,7 @@ def test_a_robots_state_becomes_metrics(wire, clock):
     assert values["robrain_coordinator_up"] == [({}, 0.0)]
 
 
-def test_what_the_coordinator_says_becomes_metrics_and_open_metrics_reads_them(wire, clock):
+def test_what_the_coordinator_says_becomes_metrics_and_open_metrics_reads_them(wire):
     metrics = TeamMetrics(wire)
     wire.token(COORDINATOR_ALIVE)
     wire.publisher(COORDINATOR_STATE).put(

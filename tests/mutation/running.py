@@ -218,8 +218,8 @@ class MutationRun:
                 if not ended:
                     os.waitpid(pid, 0)
                 said = os.read(one.pipe, 65_536).decode(errors="replace") if ended else "timeout"
-                if os.WIFSIGNALED(status):  # a compiled kernel that writes beyond its arrays
-                    said = "crash"
+                if status:  # a compiled kernel that writes beyond its arrays, or pytest has ended a test that hangs
+                    said = "crash" if os.WIFSIGNALED(status) else "timeout"
                 os.close(one.pipe)
                 del running[pid]
                 one.verdict.seconds = time.monotonic() - one.begun

@@ -16,7 +16,6 @@ from robrain.protocol.messages.team.arena_messages import ARENA_RADIO_RX, ARENA_
 from robrain.protocol.messages.team.team_messages import HALT, Halt
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.lidar import LidarSpec
 from robrain.sim.robot.robot_hardware import ArenaRobot
@@ -109,12 +108,6 @@ class Stage(ArenaBench):
 @pytest.fixture(scope="session", autouse=True)
 def _kernels() -> None:
     warm_up()
-
-
-@pytest.fixture(scope="session")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
 
 
 @pytest.fixture

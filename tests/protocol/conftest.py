@@ -10,13 +10,6 @@ from tests.protocol.lockstep_wire import Wire
 
 
 @pytest.fixture(scope="module")
-def session():
-    session = open_lockstep_session()
-    yield session
-    session.close()
-
-
-@pytest.fixture(scope="module")
 def alone():
     session = open_lockstep_session()
     exchange = Exchange.alone(session)

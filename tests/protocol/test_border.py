@@ -33,12 +33,10 @@ def clock():
 
 
 @pytest.fixture
-def wire(clock):
-    session = open_lockstep_session()
+def wire(session, clock):
     endpoint = Endpoint(session, "t", clock, Drive.LOCKSTEP)
     yield endpoint
     endpoint.close()
-    session.close()
 
 
 @pytest.fixture

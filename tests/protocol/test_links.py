@@ -15,7 +15,6 @@ from robrain.protocol.links.receivers import Declared
 from robrain.protocol.links.zenoh_link import ZenohLink
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
 from robrain.protocol.topic import JSON, Urgency
-from robrain.protocol.wire.session import open_lockstep_session
 
 ERROR = CallError(ErrorCode.REFUSED, "no", "because")
 CHUNKS = ["a", "b", "*", "**"]
@@ -25,14 +24,12 @@ KEYS = st.lists(st.sampled_from(["a", "b"]), min_size=1, max_size=4).map("/".joi
 
 
 @pytest.fixture(params=["joined", "alone"])
-def link(request):
+def link(request, lockstep_session):
     """A link; queries of one are answered at others, which a second one would show no better."""
-    session = open_lockstep_session()
     joined = request.param == "joined"
-    link = ZenohLink(session, Exchange()) if joined else LocalLink(Exchange(is_alone=True))
+    link = ZenohLink(lockstep_session, Exchange()) if joined else LocalLink(Exchange(is_alone=True))
     yield link
     link.close()
-    session.close()
 
 
 def replies(key, *payloads):

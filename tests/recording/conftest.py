@@ -4,15 +4,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.recording.writer import recording_file
 from tests.recording.stage import FullDisk, Stage, depot_run
-
-
-@pytest.fixture(scope="module")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
 
 
 @pytest.fixture(scope="session")

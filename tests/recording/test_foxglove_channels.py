@@ -3,7 +3,6 @@
 import json
 import socket
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.errors import WireError
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
@@ -33,8 +31,7 @@ from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.topic import Topic
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.recording.foxglove.channels import FoxgloveChannels
 from robrain.recording.foxglove.server import FoxgloveServer
 from robrain.recording.foxglove.visual_topics import is_visual
@@ -212,14 +209,6 @@ def test_numbers_beyond_all_measure_stop_nobody(number: float) -> None:
 
 
 # -- served -----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def wire() -> Iterator[Endpoint]:
-    with open_lockstep_session() as session:
-        endpoint = Endpoint(session, "default", VirtualClock(0), Drive.LOCKSTEP)
-        yield endpoint
-        endpoint.close()
 
 
 def test_a_robot_that_is_new_is_asked_once_for_the_map_that_it_knows(

@@ -4,13 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from robrain.protocol.wire.session import open_lockstep_session
 from tests.coordinator.team_robots import LostTeam
 
 
 @pytest.fixture
-def lost() -> Iterator[LostTeam]:
-    with open_lockstep_session() as session:
-        team = LostTeam(session, 3)
-        yield team
-        team.close()
+def lost(lockstep_session) -> Iterator[LostTeam]:
+    team = LostTeam(lockstep_session, 3)
+    yield team
+    team.close()

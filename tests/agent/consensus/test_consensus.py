@@ -309,7 +309,9 @@ def test_a_task_is_begun_when_more_than_half_of_the_team_has_heard_that_the_robo
     one.says["r3"] = {"receives": ()}
     one.consensus._negotiation = Agreed(one.clock, ["t1"])
     one.consensus._opened = _Opened(one.clock.now_ns(), 1, frozenset({"r2", "r3"}), frozenset({"t1"}))
-    one.run(0.2)
+    one.clock.advance_to(one.clock.now_ns() + to_ns(0.05))  # sooner than the next ballot is due
+    one.consensus.step(one.clock.now_ns(), may_begin=True)
+    assert [ballot.wants for ballot in one.run(0.0)] == ["t1"]
     told = one.run(3.0)
     assert one.consensus.is_leaderless
     assert {ballot.wants for ballot in told} == {"t1"}

@@ -13,7 +13,6 @@ from robrain.protocol.messages.tasks.task_messages import TASK_LIST, TaskFilter,
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request
-from robrain.protocol.wire.session import open_lockstep_session
 
 
 class Looking:
@@ -62,12 +61,11 @@ def record(name: str, change: int = 0) -> TaskRecord:
 
 
 @pytest.fixture
-def looking() -> Iterator[Looking]:
-    with open_lockstep_session() as session:
-        looking = Looking(session)
-        yield looking
-        looking.wire.close()
-        looking.coordinator.close()
+def looking(lockstep_session) -> Iterator[Looking]:
+    looking = Looking(lockstep_session)
+    yield looking
+    looking.wire.close()
+    looking.coordinator.close()
 
 
 def test_who_has_heard_of_all_changes_in_whatever_order_asks_nothing(looking: Looking) -> None:

@@ -101,12 +101,6 @@ class Robot:
         self.wire.close()
 
 
-@pytest.fixture(scope="module")
-def hub():
-    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
-        yield session
-
-
 @pytest.fixture
 def robot(hub):
     robot = Robot(hub)

@@ -15,7 +15,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.host_messages import HOST_COMMAND, CommandRequest
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_PLUGINS
 from robrain.protocol.wire.endpoint import Drive
-from robrain.protocol.wire.session import listening_at, open_session
+from robrain.protocol.wire.session import listening_at
 from tests.agent.conftest import Bench, refused, stock_alone
 from tests.agent.isolation.test_foreign import Process, info
 from tests.patient_endpoint import PatientEndpoint
@@ -82,12 +82,6 @@ class Robot:
             process.leave()
         self.wire.close()
         self.host.close()
-
-
-@pytest.fixture(scope="module")
-def hub():
-    with open_session(mode="router", listen=["tcp/127.0.0.1:0"]) as session:
-        yield session
 
 
 @pytest.fixture

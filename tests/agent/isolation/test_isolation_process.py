@@ -9,8 +9,10 @@ import weakref
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import msgspec
 import pytest
 
+from robrain.agent.board import Board
 from robrain.agent.isolation import isolated_plugin
 from robrain.agent.isolation.child import ChildEnvironment, RemoteBoard
 from robrain.agent.isolation.contract import decoder
@@ -123,7 +125,7 @@ def test_repeated_counter_questions_do_not_extend_the_time_limit():
 
 
 class Parent:
-    """Keeps what is written, as bytes, and gives it back as the robot's process does."""
+    """A new board: keeps what is written, as bytes, and gives it back as the robot's process does."""
 
     def __init__(self) -> None:
         self.board: dict[str, bytes] = {}
@@ -133,7 +135,7 @@ class Parent:
         decoder(BOARD_TYPES[said.name]).decode(said.value)  # as the robot's process reads it
 
     def ask(self, asked: ReadBoard) -> bytes:
-        return self.board[asked.name]
+        return self.board.get(asked.name) or msgspec.msgpack.encode(getattr(Board(), asked.name))
 
 
 @pytest.mark.parametrize(
@@ -150,5 +152,6 @@ class Parent:
 def test_what_devices_leave_on_the_board_is_the_same_on_both_sides(name: str, value: Any) -> None:
     parent: Any = Parent()
     board = RemoteBoard(parent)
+    assert not getattr(board, name)
     setattr(board, name, value)
     assert getattr(board, name) == value

@@ -35,11 +35,7 @@ def members_of(rounds: int) -> list[Negotiation]:
 def test_all_robots_end_with_the_same_allocation_and_value(loss: float) -> None:
     members, rng = members_of(20), random.Random(1)
     for _ in range(2000):
-        ballots = [member.ballot() for member in members]
-        for member in members:
-            for ballot in ballots:
-                if ballot.robot != member.bidder.robot and rng.random() >= loss:
-                    assert member.receive(ballot)
+        exchange(members, loss, rng)
         if all(member.is_over for member in members):
             break
     assert all(member.is_over for member in members)

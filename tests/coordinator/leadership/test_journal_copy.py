@@ -17,7 +17,7 @@ from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.exchange import EVERYWHERE, Exchange
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, Lead, WitnessRefusal, WitnessReply
+from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS, Lead
 from robrain.protocol.messages.tasks import task_messages
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskSubmission
 from robrain.protocol.messages.team.standing_messages import KnownRobot
@@ -185,40 +185,6 @@ def test_a_coordinator_ends_for_another_that_was_elected_later_or_with_a_copied_
     mandate = pair.coordinator.part(ElectedLeadership).mandate
     assert mandate.leads(pair.clock.now_ns()) is leads
     assert mandate.superseded == ("" if leads else f"another coordinator leads, by election {election}")
-
-
-def test_a_candidate_that_learns_of_a_later_election_stands_in_the_one_after_it() -> None:
-    clock, names, asked = VirtualClock(to_ns(9.0)), ("r1", "r2", "r3"), []
-    wire = Endpoint(shared_session(), "elects", clock, Drive.LOCKSTEP)
-
-    def vote(request) -> WitnessReply:
-        asked.append(request.asked.election)
-        return WitnessReply(refusal=WitnessRefusal.OUTVOTED if asked[-1] <= 7 else None, election=max(7, asked[-1]))
-
-    for name in names:
-        wire.answer(ROBOT_WITNESS, vote, robot=name)
-    election, won = Election(wire, names, "journal"), None
-    while won is None:
-        won = election.step(clock.now_ns(), is_copy=False)
-        clock.advance_to(clock.now_ns() + to_ns(TICK_S))
-    assert asked == [1] * 3 + [8] * 3
-    assert won.election == 8
-    wire.close()
-
-
-def test_half_of_the_witnesses_elect_nobody_and_a_lease_counts_from_the_vote_that_was_asked_for_first() -> None:
-    clock, refusals = VirtualClock(to_ns(100.0)), {"r2": WitnessRefusal.LEADER_SEEN}
-    wire = Endpoint(shared_session(), "half", clock, Drive.LOCKSTEP)
-    for name in ("r1", "r2"):
-        wire.answer(ROBOT_WITNESS, lambda _, of=name: WitnessReply(refusal=refusals.get(of), election=1), robot=name)
-    election, won = Election(wire, ("r1", "r2"), "journal"), None
-    assert [election.step(clock.now_ns(), is_copy=False) for _ in range(3)] == [None] * 3
-    refusals.clear()
-    while won is None:
-        clock.advance_to(clock.now_ns() + to_ns(0.1))
-        won = election.step(clock.now_ns(), is_copy=False)
-    assert won.asked_ns == to_ns(100.0) < clock.now_ns()
-    wire.close()
 
 
 def test_one_that_is_silent_is_out_of_step_after_a_second_and_joins_again(pair: Pair) -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OCCUPIED
+from robrain.coordinator.planning.snapshot import HANDLING_S
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TASK_DRY_RUN, TaskDryRun, TaskSubmission
 from robrain.protocol.model.geometry import Point2D
@@ -27,6 +28,7 @@ def test_a_dry_run_tells_what_the_task_would_take_each_robot_and_leaves_nothing_
     assert 0.0 < takes["r2"].arrives_in_s < takes["r1"].arrives_in_s
     assert 0.0 < takes["r2"].energy_j < takes["r1"].energy_j
     assert found.estimate.robot == "r2"
+    assert found.estimate.arrives_in_s == pytest.approx(takes["r2"].arrives_in_s + HANDLING_S, abs=0.1)
     assert found.estimate.ends_in_s == pytest.approx(found.estimate.arrives_in_s + 5.0, abs=0.2)
     assert found.delays == []
     team.run(1.0)

@@ -19,7 +19,9 @@ LAST_FIRST = '''
 import msgspec
 
 from robrain.algorithms.allocation.plan import make_plan
+from robrain.protocol.reasons import plain
 
+NOBODY = plain("nobody_there", "there is no robot")
 
 def _with_orders(draft, orders):
     return msgspec.structs.replace(draft, plan=make_plan(draft.problem, orders, draft.plan.objective))
@@ -62,6 +64,13 @@ def idle(draft):
     return _with_orders(draft, [tuple(job for job in jobs if job in pinned) for jobs in draft.plan.orders])
 
 
+def choosy(draft):
+    """Nobody does the rest, and this is why."""
+    plan = idle(draft).plan
+    left = tuple(msgspec.structs.replace(one, reason=NOBODY) for one in plan.unassigned)
+    return msgspec.structs.replace(draft, plan=msgspec.structs.replace(plan, unassigned=left))
+
+
 def broken(draft):
     raise ZeroDivisionError("by hand")
 
@@ -82,7 +91,7 @@ BAD = {
 
 @pytest.fixture
 def last_first(install, monkeypatch):  # noqa: F811
-    names = {name: f"last_first:{name}" for name in ("last_first", "changed", *BAD)}
+    names = {name: f"last_first:{name}" for name in ("last_first", "changed", "choosy", *BAD)}
     install("last-first", names, {"last_first.py": LAST_FIRST}, PASSES.group)
     stock = {name: PASSES._points[name][0].value for name in PASSES._stock}
     fresh = Registry(PASSES.what, PASSES.group, stock, has_files=True)  # as in a new process
@@ -149,6 +158,15 @@ def test_a_bad_plan_of_a_pass_is_left_out_and_told(last_first, name):
     (failure,) = made.failures
     assert (failure.what, failure.name) == ("plan_pass", name)
     assert BAD[name] in failure.reason
+
+
+def test_a_pass_leaves_tasks_to_nobody_for_a_reason_of_its_own(last_first):
+    made = solver("choosy")
+    assert (made.plan.orders, made.failures) == ((("at",), ()), ())
+    assert {(one.job, one.reason.code) for one in made.plan.unassigned} == {
+        ("a", "nobody_there"),
+        ("b", "nobody_there"),
+    }
 
 
 def test_of_what_a_pass_returns_the_plan_counts_alone(last_first):

@@ -9,10 +9,10 @@ from robrain.coordinator.planning.plan_search import FRUITLESS, PlanSolver
 from robrain.coordinator.planning.policy import PlanningPolicy
 
 
-def problem(*jobs, j_per_m=1.0):
+def problem(*jobs, j_per_m=1.0, usable_j=100.0):
     """Places 0 to 4 on a line, a metre and a second apart; r0 begins and ends at 0, r1 at 4."""
     length_m = np.abs(np.subtract.outer(np.arange(5.0), np.arange(5.0)))[None]
-    workers = tuple(Worker(name=f"r{k}", start=4 * k, ends=(4 * k,), usable_j=100.0) for k in range(2))
+    workers = tuple(Worker(name=f"r{k}", start=4 * k, ends=(4 * k,), usable_j=usable_j) for k in range(2))
     return Problem(jobs=jobs, workers=workers, energy_j=j_per_m * length_m, time_s=length_m)
 
 
@@ -39,6 +39,11 @@ def test_it_is_better_by_enough_from_the_share_that_is_asked_for(objective, gain
     asked = problem(job("a", 1), j_per_m=j_per_m)
     for gain_min, robot in ((gain - 1e-9, "r0"), (gain + 1e-9, "r1")):
         assert orders_after(asked, objective, gain_min=gain_min, orders={"r1": ["a"]}) == {robot: ("a",)}
+
+
+def test_whatever_a_plan_leaves_is_enough_where_the_one_before_leaves_nothing():
+    asked = problem(job("a", 1), j_per_m=0.125, usable_j=0.75)
+    assert orders_after(asked, Objective.LIFETIME, gain_min=0.99, orders={"r1": ["a"]}) == {"r0": ("a",)}
 
 
 def test_a_task_that_nobody_was_to_do_is_done_however_little_it_gains():

@@ -5,13 +5,14 @@ from itertools import pairwise
 import msgspec
 import pytest
 
+from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.plan_search import LockstepPlanner
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks import plan_messages
 from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import TASK_EXPLAIN, TaskExplanation, TaskRecord, TaskRequest
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -165,6 +166,17 @@ def test_a_task_that_no_robot_can_do_fails_after_a_while_without_a_deadline_or_a
     assert [event.reason for event in team.heard if event.state is TaskState.FAILED] == (
         [] if is_able_robot_out else [Plain("gave_up")]
     )
+
+
+def test_a_task_after_one_that_the_journal_has_lost_is_planned_for_nobody(team):
+    journal = Journal()
+    journal.accept(TaskRecord(task=visit("t", after=("lost",)), state=TaskState.QUEUED))
+    team.begin(journal)
+    robot = team.settle()
+    team.submit(visit("other"))
+    team.run(1.0)
+    assert offered(robot) == ["other"]
+    assert team.ask(TASK_EXPLAIN, TaskRequest(id="t"), TaskExplanation).reason.code == "after_unknown"
 
 
 def test_what_a_robot_explores_is_called_off_for_a_task(team):

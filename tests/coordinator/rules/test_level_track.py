@@ -30,6 +30,11 @@ def test_order_of_arrival_does_not_matter_to_what_was_held(readings):
     assert (found.held_s, found.newest, found.value, found.newest_ns) == (7.0, Class.HOLDS, 9.0, to_ns(9))
 
 
+@pytest.mark.parametrize(("apart_s", "held_s"), [(10, 10.0), (-10, 10.0), (11, 0.0)])
+def test_a_condition_has_held_between_readings_that_are_no_farther_apart_than_the_gap(apart_s, held_s):
+    assert noted([(20, 9.0), (20 + apart_s, 9.0)], above=5.0).held_s == held_s
+
+
 @given(st.permutations([(0, 9.0), (2, 9.0), (4, 1.0), (6, 9.0), (8, 9.0)]), st.randoms(use_true_random=False))
 def test_a_break_is_a_break_in_whatever_order_it_is_heard_of(readings, random):
     doubled = [*readings, *random.sample(readings, 3)]

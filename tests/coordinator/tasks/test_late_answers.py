@@ -36,7 +36,6 @@ from robrain.protocol.reasons import (
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.session import open_lockstep_session
 from tests.plain_reason import Plain
 
 YES, NO = TaskAnswer(accepted=True), TaskAnswer(accepted=False, why="no way there")
@@ -67,12 +66,6 @@ class Mail:
     def answered(self) -> list[Answered]:
         arrived, self.arrived = self.arrived, []
         return arrived
-
-
-@pytest.fixture(scope="module")
-def session() -> Iterator[zenoh.Session]:
-    with open_lockstep_session() as session:
-        yield session
 
 
 class Desk:

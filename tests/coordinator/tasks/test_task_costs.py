@@ -12,7 +12,6 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 
 
 class Team:
@@ -57,10 +56,8 @@ class Team:
 
 
 @pytest.fixture
-def team():
-    session = open_lockstep_session()
-    yield Team(session)
-    session.close()
+def team(lockstep_session):
+    return Team(lockstep_session)
 
 
 def sweep(number: int = 1, **fields) -> Task:

@@ -8,7 +8,10 @@ from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
     TASK_EXPLAIN,
     TASK_GET,
+    TASK_LIST,
     TaskExplanation,
+    TaskFilter,
+    TaskRecord,
     TaskRequest,
 )
 from robrain.protocol.model.geometry import Point2D
@@ -39,6 +42,7 @@ def test_a_submitted_task_goes_to_the_nearest_robot_and_is_done(team):
     team.run(0.2)
     found = team.ask(TASK_GET, TaskRequest(id="t1"))
     assert (found.state, found.robot, found.result, found.why) == (TaskState.DONE, "r2", {"off_m": 0.1}, "there")
+    assert team.ask(TASK_LIST, TaskFilter(), list[TaskRecord]) == [found]
     assert team.history("t1") == [TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING, TaskState.DONE]
 
 

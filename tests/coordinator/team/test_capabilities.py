@@ -11,7 +11,6 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 
 
 class Desk:
@@ -45,11 +44,10 @@ class Desk:
 
 
 @pytest.fixture
-def desk():
-    with open_lockstep_session() as session:
-        desk = Desk(session)
-        yield desk
-        desk.wire.close()
+def desk(lockstep_session):
+    desk = Desk(lockstep_session)
+    yield desk
+    desk.wire.close()
 
 
 def test_robot_whose_state_says_that_its_plugins_have_changed_is_asked_at_once(desk):

@@ -9,7 +9,6 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 
 
 class Homes:
@@ -39,11 +38,10 @@ class Homes:
 
 
 @pytest.fixture
-def homes():
-    with open_lockstep_session() as session:
-        homes = Homes(session)
-        yield homes
-        homes.wire.close()
+def homes(lockstep_session):
+    homes = Homes(lockstep_session)
+    yield homes
+    homes.wire.close()
 
 
 def test_large_team_is_asked_in_turns_so_that_no_step_is_long(homes):

@@ -1,7 +1,5 @@
 """The team is told of a halt on each halt message, and when a robot has stopped or no longer reports so."""
 
-from collections.abc import Iterator
-
 import pytest
 
 from robrain.coordinator.team.halts import TeamHalts
@@ -9,9 +7,8 @@ from robrain.coordinator.team.roster import Roster
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.team.team_messages import HALT, Halt
-from robrain.protocol.wire.endpoint import Drive, Endpoint
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.presence import Change
-from robrain.protocol.wire.session import open_lockstep_session
 
 
 class Team:
@@ -34,12 +31,9 @@ class Team:
 
 
 @pytest.fixture
-def team() -> Iterator[Team]:
-    clock = VirtualClock(to_ns(5.0))
-    with open_lockstep_session() as session:
-        wire = Endpoint(session, "halts", clock, Drive.LOCKSTEP)
-        yield Team(wire, clock)
-        wire.close()
+def team(wire: Endpoint) -> Team:
+    wire.clock.advance_to(to_ns(5.0))
+    return Team(wire, wire.clock)
 
 
 def test_without_a_halt_there_is_no_news_whatever_robots_do(team: Team) -> None:

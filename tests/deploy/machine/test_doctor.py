@@ -37,13 +37,6 @@ channel = "can7"
 
 
 @pytest.fixture(scope="module")
-def hub() -> Iterator[zenoh.Session]:
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
-
-
-@pytest.fixture(scope="module")
 def endpoints(hub) -> list[str]:
     return listening_at(hub)[:1]
 

@@ -7,26 +7,10 @@ import pytest
 
 from robrain.deploy.supervision.part import ProcessFigures
 from robrain.deploy.supervision.team_status import RECEIVED, Rate, TeamMonitor
-from robrain.protocol.clock import NS_PER_S, VirtualClock
+from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
-
-
-@pytest.fixture
-def clock():
-    return VirtualClock()
-
-
-@pytest.fixture
-def wire(clock):
-    session = open_lockstep_session()
-    wire = Endpoint(session, "default", clock, Drive.LOCKSTEP)
-    yield wire
-    wire.close()
-    session.close()
 
 
 def test_rate_is_that_of_the_last_seconds_and_begins_anew_with_another_process() -> None:
@@ -41,13 +25,13 @@ def test_rate_is_that_of_the_last_seconds_and_begins_anew_with_another_process()
     assert rate.per_s(60 * NS_PER_S) is None
 
 
-def test_watch_knows_robots_rates_and_poses(clock, wire) -> None:
+def test_watch_knows_robots_rates_and_poses(wire) -> None:
     watch = TeamMonitor(wire, ["r1", "r2"])
     assert [(robot.name, robot.words) for robot in watch.robots()] == [("r1", "starting"), ("r2", "starting")]
     wire.token(ROBOT_ALIVE, robot="r1")
     states, summaries = wire.publisher(ROBOT_STATE, robot="r1"), wire.publisher(COORDINATOR_STATE)
     for tick in range(21):
-        clock.advance_to(clock.now_ns() + NS_PER_S // 10)
+        wire.clock.advance_to(wire.clock.now_ns() + NS_PER_S // 10)
         states.put(RobotState(robot="r1", behavior="explore", pose=Pose2D(1.0, 2.0, 0.0)))
         summaries.put(TeamState(robots=[], messages=7 * tick))
         watch.update()

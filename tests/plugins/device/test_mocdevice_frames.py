@@ -6,6 +6,7 @@ import can
 import pytest
 
 from robrain.algorithms.navigation.wheel_bases import OmniBase
+from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.interface import BusFault, Counters, DriveCondition, MotorFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.plugins.device.mocdevice.wheel_device import ENCODER_PERIOD_S, WheelOdometry
@@ -282,6 +283,15 @@ def test_stamp_of_a_frame_counts_unless_it_is_of_another_clock(device, off_s, is
     now_ns = device.clock.now_ns()
     stamp_ns = now_ns + round(off_s * 1e9) if is_taken else now_ns
     assert device.it.odometry_until_ns() == pytest.approx(stamp_ns, abs=1000)
+
+
+def test_the_newest_pose_is_that_of_the_newest_frame_also_if_it_is_early():
+    device = BareDevice(MocDevice, stamped_at=StampedAt.ARRIVAL)
+    device.it.activate()
+    for counter in (1, 2):
+        encoders(device, counter, [30 * counter] * 3)
+        device.step(0.75 * ENCODER_PERIOD_S)
+    assert device.it.pose_at(device.it.odometry_until_ns()) == device.it.pose() != START
 
 
 BASE = OmniBase()

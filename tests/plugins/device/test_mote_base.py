@@ -59,6 +59,17 @@ def test_a_base_that_floods_is_named_and_the_robot_goes_on_listening_to_some(sta
     assert len(states.drain()) >= 49  # the state goes out at 10 Hz all the same
 
 
+def test_a_flood_is_a_fault_once_it_has_lasted_for_the_time(stage):
+    one = stage()
+    one.host("mote_base", mote_base={"flood_packets_s": 100, "flood_fault_s": 1.0})
+    events = one.inbox(ROBOT_EVENT)
+    while not troubles(events):
+        one.run(0.02, each=lambda: flood(one, 1000))
+    for seconds, state in ((0.98, "active"), (0.02, "faulted")):
+        one.run(seconds, each=lambda: flood(one, 1000))
+        assert one.infos()["mote_base"].state == state
+
+
 @pytest.mark.slow
 def test_a_flood_that_does_not_end_is_a_fault_that_the_state_names_until_it_is_over(stage):
     one = stage()

@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +158,15 @@ def test_bytes_that_are_no_packets_are_a_fault_with_causes(kind: type[SerialLida
     finally:
         device.it.deactivate()
         device.pull_out()
+
+
+@pytest.mark.parametrize(("stray", "is_fault"), [(40, False), (60, True)])
+def test_line_of_which_more_than_half_is_noise_is_a_fault(lidar: Any, stray: int, is_fault: bool) -> None:
+    one, packet = lidar(), encode_ld19(0.0, 1.0, [3.0] * 12, 3600, 0)
+    with pytest.raises(LidarFault) if is_fault else nullcontext():
+        for _ in range(300):
+            one.send(bytes(stray) + packet)
+            one.step(0.02)
 
 
 HERE = Pose2D(0.0, 0.0, 0.0)

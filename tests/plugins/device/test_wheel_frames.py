@@ -21,6 +21,7 @@ from robrain.plugins.device.mocdevice.frame_map import (
     StatusFrame,
     StopFrame,
     read_dbc,
+    signal_frames,
 )
 from robrain.plugins.device.mocdevice.interface import BusFault
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
@@ -58,10 +59,12 @@ def two_wheels(**changes: Any) -> BareDevice:
     return device
 
 
-def counts(device: BareDevice, left: int, right: int, after_s: float = 0.02) -> None:
-    """Both encoders speak."""
+def counts(device: BareDevice, left: int | None, right: int | None, after_s: float = 0.02) -> None:
+    """Both encoders speak, or one."""
     device.wait(after_s)
     for name, signal, value in (("LeftEncoder", "left_counts", left), ("RightEncoder", "right_counts", right)):
+        if value is None:
+            continue
         message = read_dbc("two_wheels").get_message_by_name(name)
         speed = signal.replace("counts", "speed_rpm")
         data = message.encode({signal: value, speed: 0.0})
@@ -121,6 +124,13 @@ def test_lost_frames_without_a_counter_are_noticed_by_time_and_are_no_jump(lost:
     assert device.it.velocity().forward_m_s == pytest.approx(per_frame * rad_per_count * 0.1 / 0.02)
     assert device.it.pose().x_m == pytest.approx(there * rad_per_count * 0.1)
     assert device.it.counters().rejected == 0
+
+
+def test_counts_of_two_rounds_are_no_report() -> None:
+    device = two_wheels()
+    for left, right, believed in ((0, None, 0), (None, 0, 0), (1, 1, 1)):
+        counts(device, left, right)
+        assert device.it.counters().believed == believed
 
 
 def test_a_state_that_the_map_calls_failed_is_a_fault_of_the_motors() -> None:
@@ -225,7 +235,8 @@ def test_frames_laid_out_like_the_robertinos_are_packed_as_by_its_own_codec() ->
 
 
 def test_checksums_are_those_of_their_names() -> None:
-    message = read_dbc("robertino").get_message_by_name("Stop")
+    dbc = read_dbc("robertino")
+    message = dbc.get_message_by_name("Stop")
     body = SignalFrame(message, ("latched",), "counter", Checksum.NONE).encode(5, 1)[:-1]
     for kind, expected in (
         (Checksum.XOR8, 1 ^ 5),
@@ -233,7 +244,8 @@ def test_checksums_are_those_of_their_names() -> None:
         (Checksum.CRC8_J1850, crc8_j1850(body)),
         (Checksum.CRC8_J1850_ID, crc8_j1850(message.frame_id.to_bytes(2, "big") + body)),
     ):
-        assert SignalFrame(message, ("latched",), "counter", kind).encode(5, 1)[-1] == expected
+        (frame,) = signal_frames(dbc, "Stop", ("latched",), "counter", kind)
+        assert frame.encode(5, 1)[-1] == expected
 
 
 MORE = """

@@ -64,6 +64,17 @@ def test_a_scan_that_lies_on_a_mates_submap_puts_the_robots_submap_right(wrong: 
     assert off(scene.solved().compose(local), TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
 
 
+@pytest.mark.parametrize("axis", [0, 4])
+def test_a_scan_is_searched_for_as_far_as_robot_and_submap_are_unsure_together(axis: int) -> None:
+    scene = Scene(MATE)
+    scene.desk.receive_submap_poses(
+        joined_message("r2", GEOMETRY, [pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(0.03, 1e-5))])
+    )
+    unsure = tuple(0.03 if index == axis else value for index, value in enumerate(SURE))
+    assert scene.look(TRUE, beside(TRUE, 0.4, 0.4), covariance=unsure)
+    assert scene.desk.closed == 1
+
+
 @pytest.mark.parametrize(
     ("scanned", "contradicted"),
     [
@@ -104,18 +115,6 @@ ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
 
 
-def desk_with(keys: tuple[SubmapKey, ...]) -> ClosureFinder:
-    """A robot's desk that knows these submaps, all of the same room."""
-    graph, atlas = SubmapGraph("r1", GraphSpec()), SubmapAtlas(GEOMETRY)
-    for key in keys:
-        submap = Submap(IDENTITY)
-        submap.merge(SEEN.row, SEEN.column, SEEN.classes(), 1)
-        submap.surfaces = SEEN.surfaces
-        atlas.submaps[key] = submap
-    graph.begin(3, IDENTITY, IDENTITY, 0, np.diag((0.04, 0.04, 0.01)))
-    return ClosureFinder("r1", graph, atlas, 0.0)
-
-
 def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
     """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
     here = PLACES[turn % len(PLACES)]
@@ -124,7 +123,7 @@ def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
 
 
 def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robot_is_wrong() -> None:
-    desk = desk_with(TWO_ROBOTS)
+    desk = Scene(*TWO_ROBOTS).desk
     whys = []
     for turn in range(6):
         look(desk, turn)
@@ -139,7 +138,7 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
 
 @pytest.mark.parametrize("keys", [TWO_ROBOTS[1:], (("r2", 7), ("r2", 8), ("r2", 9))])
 def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[SubmapKey, ...]) -> None:
-    desk = desk_with(keys)
+    desk = Scene(*keys).desk
     for turn in range(12):
         look(desk, turn)
         assert desk.misplacement_reason() == ""

@@ -6,6 +6,7 @@ import pytest
 from robrain.algorithms.mapping.local_map import NO_DRIFT, LocalPose, OwnMap
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid, PatchCells
 from robrain.algorithms.slam.map_patch import to_message
+from robrain.plugins.skill.mapper.mapper import Mapper
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
@@ -46,6 +47,10 @@ def test_a_room_of_known_size_is_mapped_as_such(stage):
         assert class_at(seen, *place) == OCCUPIED
     for place in ((2.5, 0.0), (-3.0, -3.0), (0.0, 7.0)):
         assert class_at(seen, *place) == UNKNOWN
+
+
+def test_an_area_smaller_than_a_cell_has_one():
+    assert Mapper.Parameters(resolution_m=1.0, width_m=0.2, height_m=0.2).geometry().shape == (1, 1)
 
 
 def test_a_map_on_another_grid_is_refused_with_one_word_in_the_log(stage, caplog):

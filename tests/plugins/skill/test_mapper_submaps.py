@@ -1,6 +1,7 @@
 """When a mapper takes a scan in, cuts submaps, tells of them, and moves them by what mates' scans say."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -177,6 +178,19 @@ def test_a_mates_scan_on_an_own_submap_moves_it_and_the_team_is_told(stage):
     assert part.variance_rad2 == pytest.approx(host.board.shared(OwnMap).local_map.variances[2])
 
 
+def test_submaps_are_moved_every_two_seconds_while_closures_come(stage):
+    one, host = mapping(stage)
+    scanned(one, 1.2)
+    mates_submap(one)
+    publisher, places = one.publisher(ROBOT_CLOSURES, robot="r2"), []
+    for step in range(60):
+        publisher.put(closure(host.board.shared(OwnMap).local_map.number, 0.3 + 0.001 * step))
+        scanned(one, 0.1)
+        places.append(host.board.shared(OwnMap).local_map.T_arena_local)
+    moved = [step for step, (before, now) in enumerate(pairwise(places)) if now != before]
+    assert [after - before for before, after in pairwise(moved)] == [20, 20]
+
+
 def test_closures_of_a_robot_that_is_not_there_are_refused(stage):
     one, host = mapping(stage)
     scanned(one, 1.2)
@@ -238,6 +252,26 @@ def _parts(patch):
     return patch.parts or (patch,)
 
 
+def tell_room(one, mates):
+    for mate in {mate for mate, _ in mates}:
+        one.wire.token(ROBOT_ALIVE, robot=mate)
+    one.run(0.6)
+    for mate, number in mates:
+        say = one.publisher(ROBOT_MAP, robot=mate)
+        say.put(to_message(mate, GEOMETRY, CELLS, number))
+        say.put(pose_message(mate, GEOMETRY, number, IDENTITY, surfaces=SURFACES))
+    one.run(0.6)
+
+
+def test_a_scan_that_lies_on_what_a_mate_has_mapped_is_told_the_team(stage):
+    one, _ = mapping(stage)
+    told = one.inbox(ROBOT_CLOSURES, robot="r1")
+    tell_room(one, [("r2", 7)])
+    scanned(one, 1.6)
+    (closure,) = [closure for received in told.drain() for closure in received.message.closures]
+    assert (closure.other_robot, closure.other_submap) == ("r2", 7)
+
+
 @pytest.mark.parametrize(
     ("mates", "leaves"), [((("r2", 7), ("r2", 8), ("r3", 7)), True), ((("r2", 7), ("r2", 8)), False)]
 )
@@ -247,14 +281,7 @@ def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_
     host = one.host("mapper", mapper=GRID)
     host.board.pose_covariance = tuple(np.diag((0.001, 0.001, 0.0001)).ravel().tolist())
     told = one.inbox(ROBOT_MAP, robot="r1")
-    for mate in {mate for mate, _ in mates}:
-        one.wire.token(ROBOT_ALIVE, robot=mate)
-    one.run(0.6)
-    for mate, number in mates:
-        say = one.publisher(ROBOT_MAP, robot=mate)
-        say.put(to_message(mate, GEOMETRY, CELLS, number))
-        say.put(pose_message(mate, GEOMETRY, number, IDENTITY, surfaces=SURFACES))
-    one.run(0.6)
+    tell_room(one, mates)
     for turn in range(8):
         x_m = (-0.4, 0.4)[turn % 2]
         host.board.shared(OwnMap).local_pose = LocalPose(Pose2D(x_m, 0.0, 0.0), 0, NO_DRIFT, STAMP_MAX, True, 0.03)

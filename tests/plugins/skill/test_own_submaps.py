@@ -82,6 +82,12 @@ def test_a_robot_that_was_lost_goes_by_nothing_that_it_saw_before() -> None:
     assert own.graph.own[5].trajectory != own.graph.own[6].trajectory
 
 
+def test_the_own_map_is_wider_than_the_teams_by_a_margin_on_each_side() -> None:
+    found = mapper(margin_m=0.25).grid.geometry
+    assert (found.origin_x_m, found.origin_y_m) == pytest.approx((GEOMETRY.origin_x_m - 0.3, GEOMETRY.origin_y_m - 0.3))
+    assert (found.width, found.height) == (GEOMETRY.width + 6, GEOMETRY.height + 6)
+
+
 @settings(deadline=None, max_examples=30)
 @given(bearing_rad=st.floats(-3.14, 3.14), range_m=st.floats(0.5, 2.0))
 def test_what_is_told_of_a_wall_is_where_the_beam_ended(bearing_rad: float, range_m: float) -> None:

@@ -106,8 +106,8 @@ class Watched:
         state = RobotState(robot="r2", pose=Pose2D(x_m, y_m, yaw_rad), radius_m=0.2, **fields)  # type: ignore[arg-type]
         receive_states([(self.known, state)], round(at_s * S))
 
-    def path(self, at_s: float, *points: tuple[float, float], held_at_m: float | None = None) -> None:
-        path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], held_at_m=held_at_m)
+    def path(self, at_s: float, *points: tuple[float, float], **fields: float) -> None:
+        path = PlannedPath(robot="r2", points=[Point2D(*point) for point in points], **fields)
         receive_paths([(self.known, path)], round(at_s * S))
 
     def at(self, at_s: float) -> NearbyRobot:
@@ -156,6 +156,15 @@ def test_a_mate_under_way_that_does_not_move_is_an_obstacle_after_four_seconds()
     assert mate.at(4.001).doing is Doing.OBSTACLE, "a decimetre is no motion"
     mate.state(0.11, 5)
     assert mate.at(5).doing is Doing.MOVING
+
+
+def test_a_mate_drives_as_fast_as_it_says_to_where_it_waits_for_others() -> None:
+    mate = Watched()
+    mate.state(0.0, 0)
+    mate.path(0, (0.0, 0.0), (4.0, 0.0), held_at_m=2.0, speed_m_s=0.5)
+    mate.state(1.0, 1)
+    track = mate.at(1).track
+    assert (track.speed_m_s, track.positions[track.held_at].tolist()) == (0.5, pytest.approx([2.0, 0.0]))
 
 
 PLACE = st.builds(Point2D, st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))

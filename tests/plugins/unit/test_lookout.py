@@ -83,7 +83,9 @@ def test_robot_goes_nowhere_near_a_touched_direction_until_it_is_released(touche
         assert senses.lookout.free_m(HERE, heading_rad) == expected_m
         assert senses.lookout.passage(HERE, heading_rad).free_m == expected_m
         assert senses.lookout.hold_off(HERE, velocity_m_s, 0.01, 1.5) == (velocity_m_s if is_free else (0.0, 0.0))
-    senses.lookout.feel(Bump(2, ()))
+    senses.lookout.feel(Bump(2, (0.0,)))
+    assert senses.lookout.free_m(Pose2D(0.0, 0.0, 0.0), BUMPED_RAD) == math.inf
+    senses.lookout.feel(Bump(3, ()))
     assert senses.lookout.free_m(HERE, AHEAD_RAD + touched_rad) == math.inf
 
 

@@ -5,14 +5,6 @@ import pytest
 
 from robrain.protocol.can import zenoh_bus
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.session import open_lockstep_session
-
-
-@pytest.fixture(scope="module")
-def session():
-    session = open_lockstep_session()
-    yield session
-    session.close()
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 
 from robrain.protocol.can.zenoh_bus import ZenohBus
-from robrain.protocol.wire.session import listening_at, open_lockstep_session, open_session
+from robrain.protocol.wire.session import listening_at, open_session
 from tests.waiting import PATIENCE_S, until
 
 CHANNEL = "r1/can0"
@@ -27,26 +27,12 @@ def open_bus(**options) -> can.BusABC:
     )
 
 
-@pytest.fixture(scope="module")
-def hub() -> Iterator[zenoh.Session]:
-    session = open_session(mode="router", listen=["tcp/127.0.0.1:0"])
-    yield session
-    session.close()
-
-
-@pytest.fixture(scope="module")
-def lockstep_session() -> Iterator[zenoh.Session]:
-    session = open_lockstep_session()
-    yield session
-    session.close()
-
-
 @pytest.fixture(params=["lockstep", "one_session", "clients"])
-def open_node(request, hub, lockstep_session) -> Iterator[Open]:
+def open_node(request, hub, session) -> Iterator[Open]:
     """Opens nodes of one bus; all are shut down at the end."""
     nodes: list[can.BusABC] = []
     places = {
-        "lockstep": {"session": lockstep_session, "direct": True, "now_ns": time.time_ns},
+        "lockstep": {"session": session, "direct": True, "now_ns": time.time_ns},
         "one_session": {"session": hub},
         "clients": {"connect": listening_at(hub)[0]},
     }
@@ -252,14 +238,14 @@ def test_a_thread_that_waits_for_a_frame_ends_with_its_bus(clients):
 # -- options ----------------------------------------------------------------------------------------------------
 
 
-def test_an_unknown_option_is_refused_with_those_that_there_are(lockstep_session):
+def test_an_unknown_option_is_refused_with_those_that_there_are(session):
     with pytest.raises(can.CanInitializationError, match=r"unknown option baud, rx_own: .*receive_own_messages.*fd"):
-        open_bus(session=lockstep_session, direct=True, rx_own=True, baud=9600)
+        open_bus(session=session, direct=True, rx_own=True, baud=9600)
 
 
-def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):
-    classic = ZenohBus(CHANNEL, session=lockstep_session, direct=True)
-    modern = ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True)
+def test_a_classic_node_neither_sends_nor_receives_can_fd(session):
+    classic = ZenohBus(CHANNEL, session=session, direct=True)
+    modern = ZenohBus(CHANNEL, session=session, direct=True, fd=True)
     with pytest.raises(can.CanOperationError, match="it was opened without fd"):
         classic.send(FRAMES["fd"])
     modern.send(FRAMES["fd"])
@@ -281,9 +267,9 @@ def test_a_classic_node_neither_sends_nor_receives_can_fd(lockstep_session):
         (can.Message(arbitration_id=1, is_fd=True, is_remote_frame=True), "CAN FD has no remote frames"),
     ],
 )
-def test_a_frame_that_no_bus_can_carry_is_refused(lockstep_session, bad, why):
+def test_a_frame_that_no_bus_can_carry_is_refused(session, bad, why):
     with (
-        ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True) as bus,
+        ZenohBus(CHANNEL, session=session, direct=True, fd=True) as bus,
         pytest.raises(can.CanOperationError, match=why),
     ):
         bus.send(bad)
@@ -302,9 +288,9 @@ FORGED = {
 
 
 @pytest.mark.parametrize("payload", FORGED.values(), ids=FORGED)
-def test_a_forged_frame_is_counted_and_not_received(lockstep_session, payload):
-    with ZenohBus(CHANNEL, session=lockstep_session, direct=True, fd=True) as bus:
-        lockstep_session.put("robrain/default/arena/r1/can/can0", payload)
+def test_a_forged_frame_is_counted_and_not_received(session, payload):
+    with ZenohBus(CHANNEL, session=session, direct=True, fd=True) as bus:
+        session.put("robrain/default/arena/r1/can/can0", payload)
         assert bus.recv(0) is None
         assert bus.refused == 1
 

@@ -8,7 +8,6 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, Plugin
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_WITHDRAW, TaskAnswer, TaskWithdrawal
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.faults.wire_faults import WireFaults
 
@@ -64,12 +63,6 @@ class Wire:
         for _ in range(round(seconds / period_s)):
             self.clock.advance_to(self.clock.now_ns() + to_ns(period_s))
             self.exchange.step()
-
-
-@pytest.fixture(scope="module")
-def session():
-    with open_lockstep_session() as session:
-        yield session
 
 
 @pytest.fixture

@@ -1,5 +1,4 @@
 import zlib
-from collections.abc import Iterator
 
 import msgspec
 import numpy as np
@@ -7,11 +6,9 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
-from robrain.protocol.clock import VirtualClock
 from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, MapPatch
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.session import open_lockstep_session
+from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.world.referee import EDGE_CELLS, Referee, team_geometry
 
@@ -30,12 +27,9 @@ def patch(row: int, column: int, cells: np.ndarray, /, robot: str = "r1", **chan
 
 
 @pytest.fixture
-def endpoint() -> Iterator[Endpoint]:
-    session = open_lockstep_session()
-    endpoint = Endpoint(session, "test", VirtualClock(5_000_000_000), Drive.LOCKSTEP)
-    yield endpoint
-    endpoint.close()
-    session.close()
+def endpoint(wire: Endpoint) -> Endpoint:
+    wire.clock.advance_to(5_000_000_000)
+    return wire
 
 
 @pytest.fixture
