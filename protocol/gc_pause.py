@@ -39,4 +39,4 @@ class GcPause:
             if not GcPause._held:
                 gc.set_threshold(*GcPause._usual)
                 gc.unfreeze()
-                gc.collect()  # the collector counts what was frozen as old, and would not look at it for thousands of runs
+                gc.collect()  # what was frozen counts as old, and is looked at once in thousands of runs
