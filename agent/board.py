@@ -77,7 +77,7 @@ class Board:
         self.behavior = ""
         """Name of the robot's behavior; the behavior that drives writes it."""
         self.waits_for = ""
-        """The robot for which this robot waits or makes room; empty if none. The behavior that drives writes it."""
+        """The robot for which this robot waits; empty if none. The behavior that drives writes it."""
         self._shared: dict[type, Any] = {}
 
     def shared(self, kind: type[T]) -> T:

@@ -154,6 +154,22 @@ def estimates(
 
 
 @bench_app.command()
+def traffic(
+    floors: Annotated[
+        str, typer.Option(help="Floors, separated by commas: swap, lane, crossing, dead_end, random.")
+    ] = "swap,lane,crossing,dead_end,random",
+    seeds: SeedsOption = "1-3",
+    jobs: JobsOption = 1,
+    time_limit_s: TimeLimitOption = 3600.0,
+    json_file: JsonFileOption = None,
+) -> None:
+    """Measure dense traffic: waits, contacts and throughput of robots in narrow places, without and with faults."""
+    from robrain.lab.bench.traffic import choose, run_bench
+
+    run_bench(choose(floors, seeds, jobs, time_limit_s), json_file)
+
+
+@bench_app.command()
 def log(
     log_file: Annotated[Path, typer.Argument(metavar="LOG", help="The log; it is not part of robrain.")],
     relations: Annotated[

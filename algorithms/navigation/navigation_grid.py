@@ -104,8 +104,8 @@ DEAR = 5.0
 
 
 RIGHT_M = 0.35
-"""Where a path keeps to the right, it is this far off the cheapest one, if there is room (chosen: with two robots of
-0.2 m this leaves 0.3 m between them)."""
+"""A path that keeps to the right is this far from the cheapest path if there is space. Two robots of radius 0.2 m are
+then 0.3 m apart (chosen)."""
 ALONG = 3
 """Cells before and behind from which the direction of a path is taken there."""
 CENTRED_M = 0.5

@@ -5,7 +5,7 @@ ahead of it and goes first (`orders`). Otherwise claims decide. Both are compare
 that receive each other agree on which one yields, without an arbiter. This is prioritised planning, one pair at a time
 (Erdmann and Lozano-Pérez, *On Multiple Moving Objects*, Algorithmica 2, 1987; Silver, *Cooperative Pathfinding*, AIIDE
 2005). The robot that goes first drives as if alone. The robot that yields keeps out of the other's whole remaining
-path, unless it passes in time, and robots in its way make room for it.
+path, unless it passes in time. A robot that stands there moves aside.
 
 Positions are (N, 2) in metres, arena frame, `STEP_M` apart along the path. A robot is at position k of its path at k ·
 STEP_M / speed.
@@ -296,9 +296,9 @@ def _orders(own: Floats, routes: Floats, counts: NDArray[np.int64], reaches_m: F
         if is_ahead != _meet(own, routes[begin : begin + 1], reach_m):
             found[other] = 1 if is_ahead else 2
             at = _nearest(own[: behind + 1], routes[begin], reach_m)
-            if not is_ahead and at > 0 and end - begin > shared:
-                if _nearest(own[at:], routes[begin + shared], reach_m) >= shared // 2:
-                    found[other] = 3
+            is_behind = not is_ahead and at > 0 and end - begin > shared
+            if is_behind and _nearest(own[at:], routes[begin + shared], reach_m) >= shared // 2:
+                found[other] = 3
         begin = end
     return found
 
@@ -494,7 +494,7 @@ def escape_cells(
     search finds the earliest arrival (Dreyfus, *An Appraisal of Some Shortest-Path Algorithms*, Operations Research 17,
     1969). The path keeps this distance from every teammate, regardless of priority. `traversable` is (H, W).
 
-    With `is_late` cells close at the end, as if teammates stayed behind this robot as long as it is in their way.
+    With `is_late` no cell closes before this robot has passed it: teammates stay behind it.
     """
     row, column = start
     reach = round(WINDOW_M / geometry.resolution_m)

@@ -2,24 +2,32 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from robrain.agent.host.robot_file import RobotFile
+from robrain.agent.plugin import Behavior, external
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.lab.bench.courier import Courier
+from robrain.deploy.command_line.terminal import print_line
+from robrain.lab.bench.figure import Figure, at_most, deterministic
+from robrain.lab.bench.mapping_plan import BenchPlan, check_limits, names_of, numbers_of, run_all
+from robrain.plugins.behavior.travel import Travel, TravelParameters, TravelState
 from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Metres
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_hardware import ArenaRobot
+from robrain.sim.scenarios.scenario_file import MAX_SEED
 from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.world import Fidelity, World, build_world
 
@@ -42,6 +50,52 @@ class TrafficFloor(NamedTuple):
 
     plan: FloorPlan
     rounds: list[list[Place]]
+
+
+UNFINISHED = (TravelState.MOVING, TravelState.WAITING)
+
+
+class Courier(Behavior):
+    """Goes to its places in turn, or to a place that a caller gives; yields while it has no goal."""
+
+    class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
+        """Where to go."""
+
+        places: Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=1000)] = ()
+        """x and y, arena frame; the robot begins with the first again after the last."""
+
+    period_s = 0.2
+    parameters: Parameters
+
+    def init(self) -> None:
+        self.travel = Travel(self.env, self.parameters)
+        self.state = TravelState.ARRIVED
+        self.trips = 0
+        """Number of places reached."""
+
+    def activate(self) -> None:
+        self.travel.connect()
+
+    def emergency_halt(self) -> None:
+        self.travel.forget()
+
+    @external
+    def go(self, x_m: Metres, y_m: Metres, priority: float = 0.0) -> bool:
+        """Set out; false if there is no path."""
+        sets_out = self.travel.set_out(Point2D(x_m, y_m), priority=priority)
+        self.state = TravelState.MOVING if sets_out else TravelState.NO_PATH
+        return sets_out
+
+    def step(self) -> None:
+        if self.state in UNFINISHED:
+            self.state = self.travel.step()
+            if self.state in UNFINISHED:
+                return
+            self.trips += self.state is TravelState.ARRIVED
+            self.travel.stop()
+        places = self.parameters.places
+        if not places or not self.go(*places[self.trips % len(places)]):
+            self.travel.make_room()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,9 +228,9 @@ class TrafficRun(msgspec.Struct, frozen=True, kw_only=True):
     contacts: int
     """Pairs of robots that touched each other."""
     longest_wait_s: float
-    """Longest time for which a robot that had a goal, and that did not stop by a fault, stood."""
-    standing: int
-    """Robots that had stood for longer than `WAIT_S` at the end."""
+    """Longest time without motion of a robot, except during its own fault."""
+    blocked: int
+    """Number of robots that had not moved for `WAIT_S` at the end."""
 
 
 def run_case(case: TrafficCase) -> TrafficRun:
@@ -186,11 +240,11 @@ def run_case(case: TrafficCase) -> TrafficRun:
     world = _world(floor, case.seed, faults)
     run = LockstepRun(world, planning=PlanningPolicy(exploration=NO_EXPLORATION), processes=case.with_faults)
     try:
-        watch = _Watch(run, faults)
+        observer = _Observer(run, faults)
         while run.sim_time_s < case.duration_s:
             run.tick()
-            watch.step()
-        return watch.result(case)
+            observer.step()
+        return observer.result(case)
     finally:
         run.close()
 
@@ -216,8 +270,8 @@ def _faults(robots: int, case: TrafficCase) -> Iterator[FaultSpec]:
             at_s += STOP_S + float(rng.exponential(STOPS_EVERY_S))
 
 
-class _Watch:
-    """Watches the robots of a run."""
+class _Observer:
+    """Observes the robots of a run."""
 
     def __init__(self, run: LockstepRun, faults: tuple[FaultSpec, ...]) -> None:
         self._run = run
@@ -252,7 +306,7 @@ class _Watch:
         self._touching = touching
 
     def result(self, case: TrafficCase) -> TrafficRun:
-        """What was seen."""
+        """The result of the run so far."""
         now_s = self._run.sim_time_s
         couriers = [host.manager.get("courier").plugin for host in self._run.hosts]
         return TrafficRun(
@@ -260,5 +314,48 @@ class _Watch:
             trips=sum(courier.trips for courier in couriers if isinstance(courier, Courier)),
             contacts=self.contacts,
             longest_wait_s=self._longest_s,
-            standing=int((now_s - self._moved_s > WAIT_S).sum()),
+            blocked=int((now_s - self._moved_s > WAIT_S).sum()),
         )
+
+
+def choose(floors: str, seeds: str, jobs: int, time_limit_s: float) -> BenchPlan[TrafficCase]:
+    """Make the runs from the options, each floor without and with faults (UsageError if one is wrong).
+
+    The seeds draw the random floors and the faults.
+    """
+    check_limits(jobs, time_limit_s)
+    cases = [
+        TrafficCase(floor=name, seed=seed, with_faults=with_faults, duration_s=min(time_limit_s, DURATION_S[name]))
+        for name in names_of("--floors", floors, FLOORS)
+        for seed in numbers_of("--seeds", seeds, 0, MAX_SEED)
+        for with_faults in (False, True)
+    ]
+    return BenchPlan(cases=cases, jobs=jobs)
+
+
+def run_bench(plan: BenchPlan[TrafficCase], json_file: Path | None = None) -> None:
+    """Execute all runs; print a line for each, and the figures at the end."""
+
+    def report(runs: list[TrafficRun]) -> None:
+        run = runs[-1]
+        print_line(
+            f"{_text_of(run.case)}, seed {run.case.seed}: {run.trips} places reached, longest wait "
+            f"{run.longest_wait_s:.0f} s, {run.contacts} contacts"
+        )
+
+    run_all("traffic", plan, run_case, report, figures, json_file)
+
+
+def figures(runs: Sequence[TrafficRun]) -> Iterator[Figure]:
+    """Waits, contacts and throughput of each floor, over the seeds."""
+    for name in dict.fromkeys(_text_of(run.case) for run in runs):
+        alike = [run for run in runs if _text_of(run.case) == name]
+        minutes = sum(run.case.duration_s for run in alike) / 60.0
+        yield deterministic(f"{name}: longest wait", max(run.longest_wait_s for run in alike), "s", at_most(WAIT_S))
+        yield deterministic(f"{name}: blocked robots at the end", sum(run.blocked for run in alike), "", at_most(0))
+        yield deterministic(f"{name}: contacts", sum(run.contacts for run in alike), "", at_most(0))
+        yield deterministic(f"{name}: places reached in a minute", sum(run.trips for run in alike) / minutes)
+
+
+def _text_of(case: TrafficCase) -> str:
+    return f"{case.floor}{', with faults' if case.with_faults else ''}"

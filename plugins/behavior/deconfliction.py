@@ -48,7 +48,7 @@ CORNERED_AGAIN_S = 4.0
 """Least time between two reports of a robot that has nowhere to go, chosen. The others need time to make room."""
 AHEAD = round(1.0 / STEP_M)
 """Positions ahead to which the direction of a path is taken."""
-STANDS_NS = to_ns(3.0)
+STATIONARY_NS = to_ns(3.0)
 """A robot on another's path goes first until it has stood for this time (chosen). Then claims decide."""
 PRIORITY_MAX = 100.0
 """Where robots meet, a task's priority counts up to this."""
@@ -67,7 +67,7 @@ class Encounter:
         teammates: the robots around it.
         speed_m_s: its speed.
         own: (N, 2), its remaining path from where it is; None if it is bound for nowhere.
-        stands_ns: since when it has stood.
+        stationary_since_ns: time since which it has not moved.
         now_ns: the time.
 
     """
@@ -80,7 +80,7 @@ class Encounter:
         teammates: Sequence[NearbyRobot],
         speed_m_s: float,
         own: Floats | None = None,
-        stands_ns: int = 0,
+        stationary_since_ns: int = 0,
         now_ns: int = 0,
     ) -> None:
         self.radius_m = radius_m
@@ -92,15 +92,15 @@ class Encounter:
         found = [0] * len(teammates)
         if own is not None and teammates:
             found = orders(own, [teammate.track for teammate in teammates], radius_m + MARGINS.contest_m)
-        rank, moved_ns = claim.rank(robot), now_ns - STANDS_NS
+        rank, moved_ns = claim.rank(robot), now_ns - STATIONARY_NS
         for teammate, order in zip(teammates, found, strict=True):
             track, goes_first, keep_m = teammate.track, False, teammate.radius_m + radius_m
             if teammate.doing is Doing.MOVING:
                 goes_first = (teammate.rank or teammate.claim.rank(teammate.name)) < rank
                 if teammate.claim.cornered == claim.cornered:
-                    if order == Order.OWN and stands_ns >= moved_ns:
+                    if order == Order.OWN and stationary_since_ns >= moved_ns:
                         goes_first = False
-                    elif order >= Order.OTHER and teammate.stands_ns >= moved_ns:
+                    elif order >= Order.OTHER and teammate.stationary_since_ns >= moved_ns:
                         goes_first = True
                 if order == Order.LEADS:
                     self.leader = teammate
@@ -148,8 +148,8 @@ class Encounter:
     def to_escape(self, pressed_by: NearbyRobot | None = None) -> tuple[float, list[Track], float]:
         """Input of the planner for finding a refuge: own speed, tracks, distance between hulls.
 
-        Without the robots that make room in turn: those with lower priority than this robot and those that act by the
-        claim of the robot that presses it.
+        If a robot presses this one, robots with lower priority do not count, and those that act by the same claim as
+        the first do not count either: they yield in turn.
         """
         owner = "" if pressed_by is None else pressed_by.claim.lent_by or pressed_by.name
         tracks = []
@@ -187,7 +187,6 @@ class TravelClaim:
         """Claim of the robot for which it makes room."""
         self._led: Claim | None = None
         """Claim of the robot behind which it drives."""
-        self._held_ns: int | None = None
         self._cornered_ns = -to_ns(CORNERED_AGAIN_S)
         self._cornered_by: list[str] = []
         """The teammates that must give way, because this robot cannot."""
@@ -203,18 +202,7 @@ class TravelClaim:
         """Begin a new travel."""
         self._own = Claim(since_s=round(to_seconds(now_ns) - PRIORITY_S * min(priority, PRIORITY_MAX), 1))
         self._lent = self._led = None
-        self._held_ns = None
         self._cornered_by = []
-
-    def go_on(self) -> None:
-        """No robot holds the robot up."""
-        self._held_ns = None
-
-    def wait(self, now_ns: int) -> int:
-        """Record that others hold the robot up; returns the uninterrupted time of this, nanoseconds."""
-        if self._held_ns is None:
-            self._held_ns = now_ns
-        return now_ns - self._held_ns
 
     def follow(self, leader: NearbyRobot | None) -> None:
         """Act by the claim of the robot behind which this robot drives, if there is one."""

@@ -117,8 +117,6 @@ class TravelParameters(Checked, frozen=True, forbid_unknown_fields=True):
     """Speed of the driver, to predict meetings."""
     detour_m: Positive = 3.0
     """Longest detour that is preferred to waiting for another robot."""
-    teammate_patience_s: Positive = 30.0
-    """Time of waiting for other robots, without a break, after which the robot gives up."""
 
 
 class TravelState(Enum):
@@ -480,7 +478,7 @@ class Travel:
         """Drive as far as others permit, or aside."""
         if leg.is_escape:
             leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
-            return self._wait()
+            return TravelState.WAITING
         now_ns = self._env.clock.now_ns()
         ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
@@ -497,15 +495,14 @@ class Travel:
                 if allowed.must_leave:
                     self._escape(leg, encounter, pose, encounter.teammates[allowed.by])
                     self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
-                    return self._wait()
+                    return TravelState.WAITING
         leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
         if allowed.is_whole or allowed.positions > 2:
-            self._travel_claim.go_on()
             self._wait_for("")
             return TravelState.MOVING
         if allowed.by >= 0:
             self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
-        return self._wait()
+        return TravelState.WAITING
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
@@ -553,10 +550,6 @@ class Travel:
 
     def _wait_for(self, robot: str, wait_s: float = 0.0) -> None:
         self._env.board.waits_for, self.wait_s = robot, wait_s
-
-    def _wait(self) -> TravelState:
-        held_ns = self._travel_claim.wait(self._env.clock.now_ns())
-        return TravelState.BLOCKED if held_ns > to_ns(self._parameters.teammate_patience_s) else TravelState.WAITING
 
 
 def _here(pose: Pose2D) -> Floats:

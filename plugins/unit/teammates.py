@@ -73,8 +73,8 @@ class NearbyRobot(msgspec.Struct, frozen=True, eq=False):
     """Behavior that drives the robot."""
     endurance_s: float = math.inf
     """Guaranteed time of its battery at its usual power; inf if it reports none."""
-    stands_ns: int = 0
-    """Since when it has stood."""
+    stationary_since_ns: int = 0
+    """Time since which it has not moved."""
     rank: Rank | None = None
     """`claim.rank(name)`, if it has been computed."""
 
@@ -157,8 +157,8 @@ class KnownTeammate:
         self.held_at_m: float | None = None
         self.moved_ns = 0
         """When it was last seen to move, or was given reason to."""
-        self.stands_ns = 0
-        """Since when it has stood."""
+        self.stationary_since_ns = 0
+        """Time since which it has not moved."""
         self.moved_at: Pose2D | None = None
         self.stalled_ns = stalled_ns
         self.default_speed_m_s = speed_m_s
@@ -182,7 +182,7 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
         at = known.moved_at
         # Each robot does this for each other: a call for it would be a thirtieth of all calls among 64 robots.
         if at is None or math.hypot(pose.x_m - at.x_m, pose.y_m - at.y_m) > MOVED_M:
-            known.moved_at, known.moved_ns, known.stands_ns = pose, now_ns, now_ns
+            known.moved_at, known.moved_ns, known.stationary_since_ns = pose, now_ns, now_ns
 
 
 def receive_paths(reported: Sequence[tuple[KnownTeammate, PlannedPath]], now_ns: int) -> None:
@@ -253,7 +253,7 @@ def reckon(teammates: Iterable[KnownTeammate], now_ns: int, fresh_ns: int) -> li
             bound,
             state.behavior,
             math.inf if energy is None else energy.usable_j / max(energy.usual_power_w, LEAST_W),
-            known.stands_ns,
+            known.stationary_since_ns,
             known.rank,
         )
     return [known.cached for known in placed if known.cached is not None]

@@ -11,7 +11,7 @@ Degree = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 Rank = tuple[int, float, str, int, str]
 """Key by which claims are compared."""
 IDLE_S = 1e12
-"""`since_s` of a robot that is not bound for anywhere: it yields to all others."""
+"""`since_s` of a robot without a goal: it yields to all others."""
 PRIORITY_S = 20.0
 """A task's priority counts like this much time under way, for each degree."""
 
@@ -19,19 +19,19 @@ PRIORITY_S = 20.0
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Decides a robot's right of way.
 
-    The robot that set out first goes first, and sets out anew at its goal. So each robot has the right of way over all
-    others at some time, as in PIBT (Okumura et al., *Priority Inheritance with Backtracking for Iterative Multi-agent
-    Path Finding*, Artificial Intelligence 310, 2022).
+    The robot whose travel began first goes first, and at its goal a new travel begins. So each robot has the highest
+    priority at some time. This is PIBT (Okumura et al., *Priority Inheritance with Backtracking for Iterative
+    Multi-agent Path Finding*, Artificial Intelligence 310, 2022).
     """
 
     cornered: Degree = 0
     """Above 0 if the robot has no place to yield to: one more than the robots that press it. The last to be cornered
     goes first, because the others may have found a refuge by now."""
     since_s: Quantity = IDLE_S
-    """When it set out, by its own clock, less `PRIORITY_S` for each degree of its task's priority."""
+    """Time at which its travel began, by its own clock, less `PRIORITY_S` for each degree of its task's priority."""
     lent_by: Name = ""
-    """The robot whose claim this is: one for which this robot makes room, or behind which it drives. So others make
-    room in turn, and robots in a line meet others as one. Empty if the claim is the robot's own."""
+    """The owner of the claim: a robot to which this robot yields, or behind which it drives. Others yield in turn, and
+    robots in a line meet others as one. Empty if the claim is the robot's own."""
     lent: Degree = 0
     """How many robots have passed the claim on."""
 

@@ -1,7 +1,7 @@
 """Robots that are points: an exact pose on the floor, and a battery that follows the energy model.
 
-They drive along paths at constant speed, stop before they touch each other, and turn at once. The plugins of this folder
-replace those that need a body, a bus or a sensor.
+They drive along paths at constant speed, stop before they touch each other, and turn at once. The plugins of this
+folder replace those that need a body, a bus or a sensor.
 """
 
 import math
@@ -56,7 +56,7 @@ class PointFloor:
         return ranges_m
 
     def classes(self, geometry: GridGeometry) -> NDArray[np.int8]:
-        """(H, W) of another grid: OCCUPIED where a wall's surface is, FREE beside walls, UNKNOWN in them and outside."""
+        """(H, W) of another grid: OCCUPIED at the surfaces of walls, FREE between them, UNKNOWN elsewhere."""
         own = self._geometry
         rows, columns = np.indices(self._walls.shape)
         row = np.floor((own.origin_y_m + (rows + 0.5) * own.resolution_m - geometry.origin_y_m) / geometry.resolution_m)

@@ -111,7 +111,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     """The robot's knowledge of its consumption."""
     behavior: Name = ""
     waits_for: Name = ""
-    """The robot for which it waits or makes room; empty if none."""
+    """The robot for which it waits; empty if none."""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
