@@ -18,7 +18,6 @@ from robrain.protocol.messages.team.arena_messages import ArenaPreparation, Radi
 from robrain.protocol.messages.team.standing_messages import JournalAlarm, KnownRobot, LeadReply
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.ballot import Ballot
-from robrain.protocol.model.claim import Claim
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.tasks.old_form import RENAMED, upgraded, upgraded_json
 from robrain.protocol.model.tasks.task import Task
@@ -96,7 +95,6 @@ RENAMED_IN = {
     KnownRobot: f'"heard_ns":5,"goes_on":true,"summary":{SUMMARY}',
     LeadReply: '"left_out":["r2"]',
     Ballot: '"robot":"r1","number":7,"heard":[{"robot":"r2","number":6}]',
-    Claim: '"way_m":12.5',
     EnergyModel: (
         '"coefficients":[8,0.5,7.5,1.25,8],"covariance":[0,0,0,0,0,0,0,0,0,0,0,0,0,0,0],"residual_w2_s":4,'
         '"drift_w2_per_s":0,"relative_sd":0,"way_ratio":1.02,"pace_m_s":0.5,"turn_rate_rad_s":1,"packet_j":0,'

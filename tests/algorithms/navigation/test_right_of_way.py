@@ -19,9 +19,9 @@ from robrain.algorithms.navigation.right_of_way import (
     Order,
     Release,
     Track,
-    ahead_of,
     escape_cells,
     meet,
+    orders,
     release,
     sample_path,
 )
@@ -135,19 +135,12 @@ def test_robot_with_a_lent_claim_comes_next_after_its_owner(claim, other):
         assert lent.rank("b") < other.rank("c")
 
 
-def test_robot_on_the_remaining_path_of_another_is_ahead_of_it():
-    own = np.array([(0.0, 0.0), (4.0, 0.0)])
-    own = sample_path(own, 100.0)
-    before = track(sample_path(np.array([(2.0, 0.0), (6.0, 0.0)]), 100.0))
-    behind = track(sample_path(np.array([(-2.0, 0.0), (6.0, 0.0)]), 100.0))
-    oncoming = track(sample_path(np.array([(3.0, 0.0), (-3.0, 0.0)]), 100.0))
-    elsewhere = track(sample_path(np.array([(0.0, 5.0), (4.0, 5.0)]), 100.0))
-    assert ahead_of(own, [before, behind, oncoming, elsewhere], 0.1) == [
-        Order.OTHER,
-        Order.OWN,
-        Order.NEITHER,
-        Order.NEITHER,
-    ]
+def test_order_of_robots_follows_from_who_is_on_whose_remaining_path():
+    own = line(0, 0, 4, 0)
+    same_way, joins, behind = line(2, 0, 6, 0), line(2, 0, 2, 6), line(-2, 0, 6, 0)
+    oncoming, elsewhere = line(3, 0, -3, 0), line(0, 5, 4, 5)
+    tracks = [track(each) for each in (same_way, joins, behind, oncoming, elsewhere)]
+    assert orders(own, tracks, 0.1) == [Order.LEADS, Order.OTHER, Order.OWN, Order.NEITHER, Order.NEITHER]
 
 
 DODGE_M = 0.02
