@@ -153,7 +153,7 @@ def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list
     return found
 
 
-class Order(IntEnum):
+class PathOrder(IntEnum):
     """Which of two robots is ahead of the other."""
 
     NEITHER = 0
@@ -166,7 +166,7 @@ class Order(IntEnum):
 
 
 def orders(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[int]:
-    """The `Order` of this robot and each other one, by their remaining paths from where they are.
+    """The `PathOrder` of this robot and each other one, by their remaining paths from where they are.
 
     Args:
         own: (N, 2), path of this robot.

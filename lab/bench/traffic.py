@@ -41,6 +41,8 @@ STOP_S, STOPS_EVERY_S = 10.0, 60.0
 """With faults: each robot stops for the first time, once in the second on average."""
 LOST = 0.1
 """With faults: share of messages that are lost."""
+COURIER = Path(__file__).parent / "courier"
+"""Folder of the manifest of `Courier`."""
 WITHOUT = ("camera", "mote_base", "sensor_board", "explore", "recharge")
 Place = tuple[float, float]
 
@@ -111,7 +113,7 @@ class CourierWorld(World):
         file = super().robot_file(robot, team=team, connect=connect, is_restart=is_restart)
         table, places = file.robot, self.rounds[self.robots.index(robot)]
         table = msgspec.structs.replace(
-            table, load=[*(table.load or ()), "courier"], places=[*table.places, str(Path(__file__).parent)]
+            table, load=[*(table.load or ()), "courier"], places=[*table.places, str(COURIER)]
         )
         return msgspec.structs.replace(
             file, robot=table, parameters=file.parameters | {"courier": {"places": [list(place) for place in places]}}

@@ -17,7 +17,7 @@ from robrain.algorithms.navigation.right_of_way import (
     STEP_M,
     DrivenPath,
     Margins,
-    Order,
+    PathOrder,
     Release,
     Track,
     meet,
@@ -98,11 +98,11 @@ class Encounter:
             if teammate.doing is Doing.MOVING:
                 goes_first = (teammate.rank or teammate.claim.rank(teammate.name)) < rank
                 if teammate.claim.cornered == claim.cornered:
-                    if order == Order.OWN and stationary_since_ns >= moved_ns:
+                    if order == PathOrder.OWN and stationary_since_ns >= moved_ns:
                         goes_first = False
-                    elif order >= Order.OTHER and teammate.stationary_since_ns >= moved_ns:
+                    elif order >= PathOrder.OTHER and teammate.stationary_since_ns >= moved_ns:
                         goes_first = True
-                if order == Order.LEADS:
+                if order == PathOrder.LEADS:
                     self.leader = teammate
             self.tracks.append(Track(track.positions, track.speed_m_s, track.held_at, keep_m, goes_first=goes_first))
 

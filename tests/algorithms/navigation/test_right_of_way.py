@@ -16,7 +16,7 @@ from robrain.algorithms.navigation.right_of_way import (
     STEP_M,
     DrivenPath,
     Margins,
-    Order,
+    PathOrder,
     Release,
     Track,
     escape_cells,
@@ -140,7 +140,13 @@ def test_order_of_robots_follows_from_who_is_on_whose_remaining_path():
     same_way, joins, behind = line(2, 0, 6, 0), line(2, 0, 2, 6), line(-2, 0, 6, 0)
     oncoming, elsewhere = line(3, 0, -3, 0), line(0, 5, 4, 5)
     tracks = [track(each) for each in (same_way, joins, behind, oncoming, elsewhere)]
-    assert orders(own, tracks, 0.1) == [Order.LEADS, Order.OTHER, Order.OWN, Order.NEITHER, Order.NEITHER]
+    assert orders(own, tracks, 0.1) == [
+        PathOrder.LEADS,
+        PathOrder.OTHER,
+        PathOrder.OWN,
+        PathOrder.NEITHER,
+        PathOrder.NEITHER,
+    ]
 
 
 DODGE_M = 0.02

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import zenoh
 
 from robrain.agent.host.robot_file import RobotFile, RobotTable
+from robrain.lab.bench.traffic import COURIER
 from robrain.plugins.behavior.travel import TravelState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -20,7 +20,6 @@ from tests.plugins.arena_bench import ArenaBench, start_parameters
 RESOLUTION_M = 0.1
 WATCHED_S = 0.2
 TEAM = "crossing"
-COURIERS = Path(__file__).parent / "couriers"
 
 
 def floor(width_m: float, height_m: float, *open_boxes: tuple[float, float, float, float]) -> FloorPlan:
@@ -68,7 +67,7 @@ class Crossing(ArenaBench):
         self.arena = Arena(World(plan, robots, [], seed), self.wire, rng=np.random.default_rng(seed))
         cells = np.where(plan.occupied, 100, 0).astype(np.int8)
         for name, start in starts.items():
-            table = RobotTable(name, TEAM, places=[str(COURIERS)], load=["courier"])
+            table = RobotTable(name, TEAM, places=[str(COURIER)], load=["courier"])
             self.add(RobotFile(robot=table, parameters=start_parameters(plan, start))).start()
             # As a submap of somebody who has been there before.
             self.plugin("mapper", name)._atlas.merge(("known", 1), 0, 0, cells, 1)
@@ -117,9 +116,9 @@ class Crossing(ArenaBench):
         under_way = []
         for name in self.goals:
             courier = self.courier(name)
-            if courier.progress is TravelState.ARRIVED and self.pose(name).distance_m(self.goals[name]) < 0.5:
+            if courier.state is TravelState.ARRIVED and self.pose(name).distance_m(self.goals[name]) < 0.5:
                 self.arrived_s.setdefault(name, now_s)
-            elif courier.progress in (TravelState.MOVING, TravelState.WAITING):
+            elif courier.state in (TravelState.MOVING, TravelState.WAITING):
                 under_way.append(name)
         moved = any(
             abs(host.board.velocity.forward_m_s) + abs(host.board.velocity.left_m_s) > 0.05 for host in self.hosts

@@ -74,6 +74,14 @@ def test_one_that_stands_idle_in_a_corridor_makes_room(cross):
     assert one.collisions == 0
 
 
+def test_a_robot_that_waits_tells_for_whom(cross):
+    one = cross((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(10.8, 2.0), P(1.2, 2.0))], lidar=EXACT)
+    one.go()
+    waits = set()
+    one.run(20.0, lambda: waits.update((host.name, host.board.waits_for) for host in one.hosts))
+    assert ("r2", "r1") in waits or ("r1", "r2") in waits
+
+
 def test_a_halted_mate_is_driven_around(cross):
     one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5)), (P(6.0, 3.5), P(1.0, 3.5))])
     one.go()
@@ -89,5 +97,5 @@ def test_one_that_nobody_hears_of_is_not_run_into(cross):
     one = cross(HALL, [(P(1.0, 3.5), P(6.0, 3.5))], silent=(P(3.5, 3.5),))
     one.go()
     one.run_until_all_arrived(30.0)
-    assert one.courier("r1").progress is TravelState.ARRIVED
+    assert one.courier("r1").state is TravelState.ARRIVED
     assert one.collisions == 0

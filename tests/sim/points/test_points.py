@@ -3,12 +3,17 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec
+from robrain.sim.points.point_team import POINT_TICK_S, PointFloor, PointTeam
+from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.robot_specs import RobotSpec
@@ -80,3 +85,19 @@ def test_what_points_cannot_have_is_refused() -> None:
         arena(faults=(cut,)).run()
     with pytest.raises(ScenarioError, match="fidelity"):
         arena().replace(fidelity="cubes")
+
+
+def test_points_stop_before_they_touch_each_other() -> None:
+    fast, slow = ArenaRobot(name="r1", start=Pose2D(0.0, 0.0, 0.0)), ArenaRobot(name="r2", start=Pose2D(2.0, 0.0, 0.0))
+    floor = PointFloor(np.zeros((10, 10), np.bool_), GridGeometry(1.0, -2.0, -2.0, 10, 10))
+    team = PointTeam([fast, slow], floor, POINT_TICK_S)
+    one, other = team.robots
+    one.follow([Point2D(4.0, 0.0)], 0.6)
+    for tick in range(30):
+        one.command()
+        team.move(tick)
+    assert 0.4 < other.x_m - one.x_m < 0.6
+    assert one.blocked_s > 2.0
+    one.follow([Point2D(-1.0, 0.0)], 0.6)  # away from it
+    team.move(31)
+    assert one.blocked_s == 0.0
