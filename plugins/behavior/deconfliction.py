@@ -148,8 +148,8 @@ class Encounter:
     def to_escape(self, pressed_by: NearbyRobot | None = None) -> tuple[float, list[Track], float]:
         """Input of the planner for finding a refuge: own speed, tracks, distance between hulls.
 
-        If a robot presses this one, two kinds of robots do not count, as they yield in turn: those with lower priority,
-        and those that act by the claim of the first.
+        If a robot presses this one, robots with lower priority do not count: they yield in turn. Neither do those that
+        act by the claim of the first.
         """
         owner = "" if pressed_by is None else pressed_by.claim.lent_by or pressed_by.name
         tracks = []

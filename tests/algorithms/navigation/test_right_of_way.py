@@ -140,13 +140,8 @@ def test_order_of_robots_follows_from_who_is_on_whose_remaining_path():
     same_way, joins, behind = line(2, 0, 6, 0), line(2, 0, 2, 6), line(-2, 0, 6, 0)
     oncoming, elsewhere = line(3, 0, -3, 0), line(0, 5, 4, 5)
     tracks = [track(each) for each in (same_way, joins, behind, oncoming, elsewhere)]
-    assert orders(own, tracks, 0.1) == [
-        PathOrder.LEADS,
-        PathOrder.OTHER,
-        PathOrder.OWN,
-        PathOrder.NEITHER,
-        PathOrder.NEITHER,
-    ]
+    found = [PathOrder(each).name for each in orders(own, tracks, 0.1)]
+    assert found == ["LEADS", "OTHER", "OWN", "NEITHER", "NEITHER"]
 
 
 DODGE_M = 0.02
