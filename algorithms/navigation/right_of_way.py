@@ -154,12 +154,10 @@ def any_within(tracks: Sequence[Track], place: Point2D, within_m: float) -> list
 
 
 class PathOrder(IntEnum):
-    """Which of two robots is ahead of the other."""
+    """Which of two robots is on the remaining path of the other, and so ahead of it."""
 
-    NEITHER = 0
-    """Neither is on the other's path, or each is on that of the other: they meet head-on."""
+    NEITHER = 0  # or both: they meet head-on
     OWN = 1
-    """This robot is on the remaining path of the other."""
     OTHER = 2
     LEADS = 3
     """The other is ahead, by at most `BEHIND_M`, and its path is that of this robot for `SHARED_M`."""
@@ -168,11 +166,7 @@ class PathOrder(IntEnum):
 def orders(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[int]:
     """The `PathOrder` of this robot and each other one, by their remaining paths from where they are.
 
-    Args:
-        own: (N, 2), path of this robot.
-        tracks: of the others.
-        margin_m: nearer to a path than this and the other's `keep_m` a robot is on it.
-
+    A robot is on a path (N, 2) if it is nearer to it than the other's `keep_m` and `margin_m`.
     """
     routes, counts, reaches_m = [], [], []
     for track in tracks:
