@@ -164,10 +164,7 @@ class PathOrder(IntEnum):
 
 
 def orders(own: Floats, tracks: Sequence[Track], margin_m: float) -> list[int]:
-    """The `PathOrder` of this robot and each other one, by their remaining paths from where they are.
-
-    A robot is on a path (N, 2) if it is nearer to it than the other's `keep_m` and `margin_m`.
-    """
+    """The `PathOrder` of this robot and each other; within `keep_m` and `margin_m` of a path (N, 2) one is on it."""
     routes, counts, reaches_m = [], [], []
     for track in tracks:
         routes.append(track.positions)
