@@ -44,7 +44,7 @@ class Scene:
             self.atlas.submaps[key] = submap
         self.graph.begin(3, IDENTITY, IDENTITY, 0, PRIOR)
 
-    def look(
+    def scan_and_search(
         self, true: Pose2D, local: Pose2D, sensor: Pose2D | None = None, covariance: tuple[float, ...] = SURE
     ) -> bool:
         return self.desk.check(3, local, sensor or local, lambda: ROOM.points(true), covariance)
@@ -59,7 +59,7 @@ class Scene:
 def test_a_scan_that_lies_on_a_mates_submap_puts_the_robots_submap_right(wrong: tuple[float, float, float]) -> None:
     scene = Scene(MATE)
     local = beside(TRUE, *wrong)
-    assert scene.look(TRUE, local)
+    assert scene.scan_and_search(TRUE, local)
     assert (scene.desk.closed, scene.desk.contradicted) == (1, 0)
     assert off(scene.solved().compose(local), TRUE) == pytest.approx((0.0, 0.0, 0.0), abs=0.015)
 
@@ -71,7 +71,7 @@ def test_a_scan_is_searched_for_as_far_as_robot_and_submap_are_unsure_together(a
         joined_message("r2", GEOMETRY, [pose_message("r2", GEOMETRY, 7, IDENTITY, variances=(0.03, 1e-5))])
     )
     unsure = tuple(0.03 if index == axis else value for index, value in enumerate(SURE))
-    assert scene.look(TRUE, beside(TRUE, 0.4, 0.4), covariance=unsure)
+    assert scene.scan_and_search(TRUE, beside(TRUE, 0.4, 0.4), covariance=unsure)
     assert scene.desk.closed == 1
 
 
@@ -86,7 +86,7 @@ def test_a_scan_that_lies_nowhere_on_a_submap_that_knows_the_place_contradicts_i
     scanned: Pose2D, contradicted: int
 ) -> None:
     scene = Scene(MATE)
-    assert scene.look(scanned, TRUE)
+    assert scene.scan_and_search(scanned, TRUE)
     assert (scene.desk.closed, scene.desk.contradicted) == (0, contradicted)
     assert scene.desk.found == []
     assert not scene.graph.has_news
@@ -103,7 +103,7 @@ def test_a_scan_that_lies_nowhere_on_a_submap_that_knows_the_place_contradicts_i
 def test_offsets_within_the_slack_are_taken_for_none(slack_m: float, left: tuple[float, float, float]) -> None:
     scene = Scene(MATE, slack_m=slack_m)
     believed = beside(TRUE, 0.06, 0.08, 0.02)
-    assert scene.look(TRUE, believed)
+    assert scene.scan_and_search(TRUE, believed)
     (closure,) = scene.desk.found
     lies = Pose2D(closure.at_other.x_m, closure.at_other.y_m, believed.yaw_rad - closure.at.yaw_rad)
     assert off(lies, TRUE) == pytest.approx(left, abs=0.012)
@@ -115,7 +115,7 @@ ELSEWHERE = Pose2D(6.8, 1.0, 2.2)
 TWO_ROBOTS: tuple[SubmapKey, ...] = (("r2", 7), ("r2", 8), ("r3", 1))
 
 
-def look(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
+def search_once(desk: ClosureFinder, turn: int, *, wrong: bool = True) -> None:
     """Lay a scan on the next submap: one of elsewhere, or one of the place where the robot believes to be."""
     here = PLACES[turn % len(PLACES)]
     points = ROOM.points(ELSEWHERE if wrong else here)
@@ -126,13 +126,13 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
     desk = Scene(*TWO_ROBOTS).desk
     whys = []
     for turn in range(6):
-        look(desk, turn)
+        search_once(desk, turn)
         whys.append(desk.misplacement_reason())
     assert desk.contradicted == 6
     assert whys[:5] == [""] * 5
     assert whys[5] == "3 submaps of 2 robots contradict what the lidar sees"
     assert desk.misplacement_reason() == "", "it is said once, and the count starts again"
-    look(desk, 6)
+    search_once(desk, 6)
     assert desk.misplacement_reason() == ""
 
 
@@ -140,7 +140,7 @@ def test_six_scans_that_contradict_three_submaps_of_two_robots_say_that_the_robo
 def test_two_submaps_or_one_robot_alone_may_be_wrong_themselves(keys: tuple[SubmapKey, ...]) -> None:
     desk = Scene(*keys).desk
     for turn in range(12):
-        look(desk, turn)
+        search_once(desk, turn)
         assert desk.misplacement_reason() == ""
     assert desk.contradicted == 12
 

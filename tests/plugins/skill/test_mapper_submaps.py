@@ -252,23 +252,23 @@ def _parts(patch):
     return patch.parts or (patch,)
 
 
-def tell_room(one, mates):
-    for mate in {mate for mate, _ in mates}:
-        one.wire.token(ROBOT_ALIVE, robot=mate)
+def publish_maps(one, mates):
+    for name in {name for name, _ in mates}:
+        one.wire.token(ROBOT_ALIVE, robot=name)
     one.run(0.6)
-    for mate, number in mates:
-        say = one.publisher(ROBOT_MAP, robot=mate)
-        say.put(to_message(mate, GEOMETRY, CELLS, number))
-        say.put(pose_message(mate, GEOMETRY, number, IDENTITY, surfaces=SURFACES))
+    for name, number in mates:
+        publisher = one.publisher(ROBOT_MAP, robot=name)
+        publisher.put(to_message(name, GEOMETRY, CELLS, number))
+        publisher.put(pose_message(name, GEOMETRY, number, IDENTITY, surfaces=SURFACES))
     one.run(0.6)
 
 
-def test_a_scan_that_lies_on_what_a_mate_has_mapped_is_told_the_team(stage):
+def test_a_scan_that_matches_a_teammates_map_gives_a_published_closure(stage):
     one, _ = mapping(stage)
-    told = one.inbox(ROBOT_CLOSURES, robot="r1")
-    tell_room(one, [("r2", 7)])
+    published = one.inbox(ROBOT_CLOSURES, robot="r1")
+    publish_maps(one, [("r2", 7)])
     scanned(one, 1.6)
-    (closure,) = [closure for received in told.drain() for closure in received.message.closures]
+    (closure,) = [closure for received in published.drain() for closure in received.message.closures]
     assert (closure.other_robot, closure.other_submap) == ("r2", 7)
 
 
@@ -281,7 +281,7 @@ def test_a_robot_that_sees_something_else_than_two_mates_have_mapped_leaves_the_
     host = one.host("mapper", mapper=GRID)
     host.board.pose_covariance = tuple(np.diag((0.001, 0.001, 0.0001)).ravel().tolist())
     told = one.inbox(ROBOT_MAP, robot="r1")
-    tell_room(one, mates)
+    publish_maps(one, mates)
     for turn in range(8):
         x_m = (-0.4, 0.4)[turn % 2]
         host.board.shared(OwnMap).local_pose = LocalPose(Pose2D(x_m, 0.0, 0.0), 0, NO_DRIFT, STAMP_MAX, True, 0.03)

@@ -96,13 +96,15 @@ def member_named(text: str, team: str = TEAM) -> Member:
     return member(role, team, name)
 
 
-def open_raw(endpoint: str, tls: dict[str, Any] | None = None) -> zenoh.Session | None:
-    """A session with whatever TLS settings an attacker likes; None if the router does not let it in."""
+def open_raw(
+    endpoint: str, tls: dict[str, Any] | None = None, connect_ms: int = CONNECT_MS
+) -> zenoh.Session | None:
+    """Open a session with any TLS settings. Return None if the router does not accept it within *connect_ms*."""
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "client",
         "connect/endpoints": [endpoint],
-        "connect/timeout_ms": CONNECT_MS,
+        "connect/timeout_ms": connect_ms,
         "scouting/multicast/enabled": False,
         **({"transport/link/tls": tls} if tls is not None else {}),
     }

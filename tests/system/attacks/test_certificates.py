@@ -76,7 +76,7 @@ def test_certificate_that_is_no_good_does_not_connect(
 
 
 def test_good_certificate_connects_by_the_same_means(team: SecuredTeam, tmp_path: Path) -> None:
-    session = open_raw(team.endpoint, _settings(_good(team, tmp_path), team.pki))
+    session = open_raw(team.endpoint, _settings(_good(team, tmp_path), team.pki), connect_ms=10_000)
     assert session is not None
     session.close()
 
