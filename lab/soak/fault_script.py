@@ -74,6 +74,8 @@ class FaultScript(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Allocator of the coordinator's plans, or `nearest`."""
     consensus: bool = False
     """Whether the robots continue without a coordinator."""
+    is_divided: bool = False
+    """Whether walls with doors for one robot divide the hall of points."""
     tasks: tuple[TaskInput, ...] = ()
     cancels: tuple[CancelOrder, ...] = ()
     halts: tuple[HaltOrder, ...] = ()

@@ -22,6 +22,7 @@ from robrain.protocol.model.tasks.task import LEASE_S, Task, TaskState
 from robrain.protocol.refusals import RefusalCode, Refused
 from robrain.recording.invariants.invariant import Invariant
 from robrain.recording.invariants.judging import Judging
+from robrain.recording.invariants.robot_invariants import MutualWait
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskOnce
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind
 
@@ -39,7 +40,7 @@ PATIENCE_S = 120.0
 TASK_S = 40.0
 """Time to settle after the last fault: `PATIENCE_S`, plus `TASK_S` for each task, with half of the robots at work."""
 QUIET_S = STRAY_S + 1.0
-AS_RECORDED = (TaskAtOne, TaskOnce)
+AS_RECORDED = (TaskAtOne, TaskOnce, MutualWait)
 """Judged here as by `robrain check`. Tasks kept and halts are not judged so. On a full disk tasks wait for longer than
 those invariants allow, and a point continues at once after a halt.
 """

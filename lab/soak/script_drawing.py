@@ -21,7 +21,9 @@ METHODS = {NEAREST: 0.6, AUCTION: 0.37, OPTIMAL: 0.03}
 """Share of the scripts that each method gets; an optimal plan is slower than all others."""
 CONSENSUS_SHARE = 0.2
 """Share of the scripts whose robots continue without a coordinator; it is away for a while in each of them."""
-_RNG_OF_SCRIPTS, _RNG_OF_ABSENCES = 13, 14
+DIVIDED_SHARE = 0.3
+"""Share of the scripts whose hall has walls with narrow doors."""
+_RNG_OF_SCRIPTS, _RNG_OF_ABSENCES, _RNG_OF_WALLS = 13, 14, 19
 
 Draw = Callable[[np.random.Generator, str, float], FaultSpec]
 _SHARES = [0.28, 0.12, 0.06, 0.05, 0.05, 0.05, 0.12, 0.08, 0.05, 0.14]
@@ -58,6 +60,7 @@ def draw_script(seed: int) -> FaultScript:
         cancels=cancels,
         halts=halts,
         consensus=absence is not None,
+        is_divided=bool(np.random.default_rng([seed, _RNG_OF_WALLS]).random() < DIVIDED_SHARE),
         faults=faults if absence is None else (*faults, absence),
     )
 

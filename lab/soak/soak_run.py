@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from robrain.agent.host.agent_host import AgentHost
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
@@ -35,6 +36,11 @@ SIDE_M = 20.0
 MARGIN_M = 1.0
 """Between that square and the walls of the hall."""
 CELL_M = 0.1
+ROOM_M = 4.0
+"""Side of the rooms of a divided hall."""
+DOOR_M = 0.9
+FREE_M = 0.7
+"""No wall of a divided hall is nearer to a start, a task or a charger."""
 CAPACITY_J = 8000.0
 SPEED_M_S = 1.0
 CHARGING_W = 200.0
@@ -54,7 +60,8 @@ def world_of(script: FaultScript, faults: tuple[FaultSpec, ...] = ()) -> World:
 
     """
     side = round((SIDE_M + 2.0 * MARGIN_M) / CELL_M)
-    plan = FloorPlan(np.zeros((side, side), np.bool_), CELL_M, -MARGIN_M, -MARGIN_M, "hall")
+    walls = _walls(script, side) if script.is_divided else np.zeros((side, side), np.bool_)
+    plan = FloorPlan(walls, CELL_M, -MARGIN_M, -MARGIN_M, "hall")
     robots = [
         RobotSpec(
             near_m=(robot.place.x_m, robot.place.y_m),
@@ -77,6 +84,26 @@ def world_of(script: FaultScript, faults: tuple[FaultSpec, ...] = ()) -> World:
         idle=True,
         fidelity=Fidelity.POINTS,
     )
+
+
+def _walls(script: FaultScript, side: int) -> NDArray[np.bool_]:
+    """(side, side) solid cells: rooms, with a door for one robot in each wall between two of them."""
+    walls = np.zeros((side, side), np.bool_)
+    rng = np.random.default_rng([script.seed, side])
+    room, door = round(ROOM_M / CELL_M), round(DOOR_M / CELL_M)
+    for line in range(room, side - 1, room):
+        walls[line : line + 2] = walls[:, line : line + 2] = True
+    for line in range(room, side - 1, room):
+        for begin in range(0, side, room):
+            for lines in (walls, walls.T):
+                at = begin + 3 + int(rng.integers(max(1, min(room, side - begin) - door - 4)))
+                lines[line : line + 2, at : at + door] = False
+    rows, columns = np.indices(walls.shape)
+    places = [task.task.place for task in script.tasks] + [robot.place for robot in script.robots]
+    for place in (*places, *script.chargers):
+        x_m, y_m = (columns + 0.5) * CELL_M - MARGIN_M - place.x_m, (rows + 0.5) * CELL_M - MARGIN_M - place.y_m
+        walls &= x_m**2 + y_m**2 > FREE_M**2
+    return walls
 
 
 class SoakRun(LockstepRun):

@@ -34,6 +34,8 @@ class Invariant(StrEnum):
     """Halts are obeyed."""
     ENERGY = "energy"
     """Energy balances: delivered energy never falls, and charge rises at chargers only."""
+    MUTUAL_WAIT = "mutual_wait"
+    """No two robots wait for each other for long."""
 
 
 INVARIANTS = {
@@ -44,6 +46,7 @@ INVARIANTS = {
     Invariant.WALLS: "no wall is crossed",
     Invariant.HALTS: "halts are obeyed",
     Invariant.ENERGY: "energy balances",
+    Invariant.MUTUAL_WAIT: "no two robots are stuck",
 }
 """Each invariant in words."""
 
@@ -55,6 +58,7 @@ CASES = {
     Invariant.WALLS: ("pose", "poses"),
     Invariant.HALTS: ("halt", "halts"),
     Invariant.ENERGY: ("robot", "robots"),
+    Invariant.MUTUAL_WAIT: ("robot", "robots"),
 }
 """The cases of each invariant: one, several."""
 

@@ -23,10 +23,19 @@ from robrain.recording.invariants.invariant import (
     Ruling,
     Surroundings,
 )
-from robrain.recording.invariants.robot_invariants import EnergyBalance, Halts, NotStranded, Walls
+from robrain.recording.invariants.robot_invariants import EnergyBalance, Halts, MutualWait, NotStranded, Walls
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskKept, TaskOnce
 
-JUDGES: tuple[type[InvariantJudge], ...] = (TaskKept, TaskAtOne, TaskOnce, NotStranded, Walls, Halts, EnergyBalance)
+JUDGES: tuple[type[InvariantJudge], ...] = (
+    TaskKept,
+    TaskAtOne,
+    TaskOnce,
+    NotStranded,
+    Walls,
+    Halts,
+    EnergyBalance,
+    MutualWait,
+)
 """One for each invariant, in the order in which they are shown."""
 
 

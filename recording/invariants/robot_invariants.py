@@ -1,4 +1,4 @@
-"""Invariants of robots: none is stranded, none crosses a wall, halts are obeyed, energy balances."""
+"""Invariants of robots: none is stranded or crosses a wall, halts are obeyed, energy balances, no two wait for long."""
 
 import math
 
@@ -494,6 +494,42 @@ class EnergyBalance(InvariantJudge):
         figures = {"delivered_j": delivered_j, "least_j": least_j, "most_j": most_j}
         values = {"robot": name, **{key: round(value, 1) for key, value in figures.items()}}
         self.break_(time_ns, "unbalanced", text, values)
+
+
+MUTUAL_WAIT_NS = to_ns(30.0)
+"""Two robots may wait for each other for this long."""
+
+
+class MutualWait(InvariantJudge):
+    """Finds pairs of robots that block each other: each reports that it waits for the other."""
+
+    invariant = Invariant.MUTUAL_WAIT
+    evidence = MissingEvidence.ROBOTS
+
+    def __init__(self, surroundings: Surroundings, start_ns: int) -> None:
+        super().__init__(surroundings, start_ns)
+        self._waiting: dict[str, tuple[str, int, int]] = {}
+        """Of each robot: for whom it waits, since when, and the time of its last report."""
+        self._reported: dict[str, int] = {}
+        """Since when the wait of a robot had lasted that was reported last."""
+
+    def handle_state(self, state: RobotState, time_ns: int) -> None:
+        """Follow for whom the robot waits; a robot that halts waits for nobody."""
+        name, other = state.robot, "" if state.halted else state.waits_for
+        before, since_ns, last_ns = self._waiting.get(name, ("", 0, 0))
+        if other != before or time_ns - last_ns > SILENT_NS:
+            since_ns = time_ns
+        self._waiting[name] = other, since_ns, time_ns
+        self.cases = len(self._waiting)
+        theirs, their_since_ns, seen_ns = self._waiting.get(other, ("", 0, 0))
+        if theirs != name or time_ns - seen_ns > SILENT_NS:
+            return
+        both_ns = max(since_ns, their_since_ns)
+        if time_ns - both_ns > MUTUAL_WAIT_NS and self._reported.get(other) != both_ns:
+            self._reported[name] = self._reported[other] = both_ns
+            for_s = round(to_seconds(time_ns - both_ns), 3)
+            text = f"{name} and {other} have waited for each other for {for_s:.1f} s"
+            self.break_(time_ns, "mutual_wait", text, {"robot": name, "other": other, "for_s": for_s})
 
 
 def _at(place: Point2D) -> str:

@@ -34,6 +34,12 @@ SECTIONS = {
         "chose nothing. One robot runs beside it with fidelity full. Figures are those of the default strategy.",
         "tests.bench.exploration_lab:measure",
     ),
+    "traffic": Section(
+        "Traffic",
+        "`robrain bench traffic` with points, seed 1. LaCAM* (Okumura 2023) plans on the same floors for robots on a "
+        "grid of 0.5 m without margins and delays, anew whenever one of them has reached a place.",
+        "tests.bench.traffic:measure",
+    ),
     "motion": Section(
         "Motion on CAN",
         "True errors, by the arena. Squares as in UMBmark (Borenstein and Feng 1996), 8 seeds, in both directions.",

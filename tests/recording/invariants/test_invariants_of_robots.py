@@ -290,3 +290,35 @@ def test_an_estimate_that_does_not_fall_with_what_is_used_does_not_balance() -> 
         drive(script, 0.2, 10.0, **battery(0.5))
     [found] = script.found(Invariant.ENERGY)
     assert found["delivered_j"] > found["most_j"]
+
+
+# -- two robots that wait for each other ------------------------------------------------------------------------
+
+
+def meet(script: TeamScript, one: str, other: str, seconds: float) -> TeamScript:
+    script.states |= {"r1": {"waits_for": one}, "r2": {"waits_for": other}}
+    script.pass_time(seconds)
+    return script
+
+
+def test_two_robots_that_wait_for_each_other_are_reported_once_for_each_time() -> None:
+    script = meet(TeamScript(), "r2", "r1", 45.0)
+    assert [(found["code"], found["robot"]) for found in script.found(Invariant.MUTUAL_WAIT)] == [("mutual_wait", "r1")]
+    meet(meet(script, "", "r1", 1.0), "r2", "r1", 45.0)
+    assert len(script.found(Invariant.MUTUAL_WAIT)) == 2
+
+
+def test_wait_in_a_line_and_short_or_halted_waits_break_nothing() -> None:
+    script = meet(TeamScript(), "r2", "r3", 60.0)
+    meet(meet(meet(script, "r2", "r1", 20.0), "r2", "", 1.0), "r2", "r1", 20.0)
+    script.states["r2"] = {"waits_for": "r1", "halted": True}
+    script.pass_time(60.0)
+    assert script.ruling(Invariant.MUTUAL_WAIT).state is InvariantState.KEPT
+
+
+def test_robot_that_is_silent_waits_for_nobody() -> None:
+    script = meet(TeamScript(), "r2", "r1", 20.0)
+    del script.states["r2"]
+    script.pass_time(60.0)
+    meet(script, "r2", "r1", 20.0)
+    assert script.found(Invariant.MUTUAL_WAIT) == []
