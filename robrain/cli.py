@@ -1,6 +1,7 @@
 """The command line: commands of robrain's core; all others register themselves as entry points."""
 
 import errno
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -258,7 +259,10 @@ def dashboard(
 def replay(
     recording: Annotated[Path, typer.Argument(help="An MCAP file that robrain recorded.")],
     speed: Annotated[float, typer.Option(help="Factor of the recorded speed.")] = 1.0,
-    start: Annotated[float, typer.Option(help="Begin this many seconds after the first message.")] = 0.0,
+    start: Annotated[
+        float | None,
+        typer.Option(help="Begin this many seconds after the first message; default: a page shows the end."),
+    ] = None,
     dashboard: Annotated[
         bool,
         typer.Option(help="Show it in a browser page on 127.0.0.1, or publish it on the wire for other programs."),
@@ -283,14 +287,14 @@ def replay(
         "--connect": connect is not None,
         "--team": team != DEFAULT_REPLAY_TEAM,
     }
-    check_replay(speed, start, [option for option, given in for_the_wire.items() if given and dashboard])
+    check_replay(speed, start or 0.0, [option for option, given in for_the_wire.items() if given and dashboard])
     if dashboard:
         from robrain.lab.fork.fork_child import ForkChild
 
-        show_recording(recording, ForkChild(recording), port, speed, start)
+        show_recording(recording, ForkChild(recording), port, speed, math.inf if start is None else start)
         return
     where = given_endpoints(connect)
-    replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start, paused=paused)
+    replay_on_wire(recording, speed, loop=loop, connect=where, team=team, start_s=start or 0.0, paused=paused)
 
 
 app.command(rich_help_panel=SIMULATE)(scenarios)

@@ -124,7 +124,8 @@
   for (const gone of ["blur", "pagehide"]) addEventListener(gone, () => [...held.keys()].forEach(release));
 
   addEventListener("DOMContentLoaded", () => {
-    if (document.querySelector("meta[name=rb-halt]")) {  // a recording has none
+    const hasHalt = (page) => page.querySelector("meta[name=rb-halt]") !== null;
+    if (hasHalt(document)) {  // a recording has none
       const button = document.createElement("button");
       button.id = "rb-halt";
       button.type = "button";
@@ -142,11 +143,19 @@
     lost.id = "rb-lost";
     lost.textContent = "No word from the dashboard: what is shown is old. To halt, use the robots' own buttons.";
     document.body.append(lost);
-    let beat = "", since = performance.now();
+    // When a demo ends, a server without the halt takes its place.
+    async function reloadIfOther() {
+      const text = await (await fetch(location.href)).text();
+      if (hasHalt(new DOMParser().parseFromString(text, "text/html")) !== hasHalt(document)) location.reload();
+    }
+    let beat = "", since = performance.now(), wasLost = false;
     setInterval(() => {
       const now = document.querySelector("[data-rb-beat]")?.getAttribute("data-rb-beat") ?? "";
       if (now === "" || now !== beat || document.hidden) since = performance.now();
       beat = now;
+      const isLost = performance.now() - since > 2000;
+      if (wasLost && !isLost) reloadIfOther();
+      wasLost = isLost;
       lost.style.display = performance.now() - since > 6000 ? "block" : "none";
     }, 500);
   });

@@ -146,9 +146,9 @@ def dashboard_command(connect: str | None, team: str, port: int | None) -> None:
 
 
 def show_recording(
-    recording: Path, what_if: "ForkRunner", port: int | None, speed: float = 1.0, start_s: float = 0.0
+    recording: Path, what_if: "ForkRunner", port: int | None, speed: float = 1.0, start_s: float = math.inf
 ) -> None:
-    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s` until *Play* is pressed.
+    """Show a recording in a browser page until Ctrl-C; it is paused at `start_s`, or its end, until *Play*.
 
     `what_if` runs it again from a moment, with changes.
     """

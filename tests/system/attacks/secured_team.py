@@ -96,9 +96,7 @@ def member_named(text: str, team: str = TEAM) -> Member:
     return member(role, team, name)
 
 
-def open_raw(
-    endpoint: str, tls: dict[str, Any] | None = None, connect_ms: int = CONNECT_MS
-) -> zenoh.Session | None:
+def open_raw(endpoint: str, tls: dict[str, Any] | None = None, connect_ms: int = CONNECT_MS) -> zenoh.Session | None:
     """Open a session with any TLS settings. Return None if the router does not accept it within *connect_ms*."""
     config = zenoh.Config()
     settings: dict[str, Any] = {

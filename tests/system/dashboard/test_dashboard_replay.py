@@ -21,8 +21,6 @@ from tests.waiting import PATIENCE_S, until
 pytestmark = pytest.mark.system
 DEMO = "from robrain import cli; cli.DEMO = 'arena_small'; cli.main()"
 """`robrain demo`, of a scenario that takes seconds."""
-TYPED_MS = 5000
-"""What was typed shows long before, unless it was lost."""
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +31,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def replay(commands: Commands, recording: Path, *options: str) -> str:
-    """The page of a replay, which is paused at its start."""
+    """The page of a replay."""
     process = commands.start("replay", str(recording), "--port", "0", *options)
     return commands.line_with(process, "dashboard: ").split()[1]
 
 
 def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Commands, recording: Path) -> None:
     with window(browser) as context:
-        page, errors = open_page(context, replay(commands, recording))
+        page, errors = open_page(context, replay(commands, recording, "--start", "0"))
         expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
         # A replay is paused at its start.
         play = page.get_by_role("button", name="▶ Play", exact=True)
@@ -54,7 +52,8 @@ def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Co
         expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
 
         _scrub_to(page, "2")
-        wait_for(lambda: _time_told(page), lambda told: told in ("0:01", "0:02"), "the figures of that time")
+        told = page.get_by_test_id("sim-time")
+        wait_for(told.inner_text, lambda text: text in ("0:01", "0:02"), "the figures of that time")
         early, share = picture_of(page), _explored(page)
         _scrub_to(page, "18")
         wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")
@@ -104,18 +103,20 @@ def test_replay_is_run_again_without_a_robot_from_the_time_shown(
     assert not (recording.parent / "run.fork-3.02s-2.mcap").exists()
 
 
-def test_page_of_a_demo_in_a_terminal_goes_on_with_its_recording_until_ctrl_c(commands) -> None:
+def test_page_of_a_demo_in_a_terminal_shows_its_recording_until_ctrl_c(browser: Browser, commands: Commands) -> None:
     keyboard, terminal = pty.openpty()
     try:
-        words = [sys.executable, "-c", DEMO, "demo", "--speed", "0", "--port", "0"]
-        process = subprocess.Popen(
-            words, cwd=commands.folder, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
+        words = [sys.executable, "-c", DEMO, "demo", "--speed", "4", "--port", "0"]
+        pipes = {"stdin": terminal, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+        process = subprocess.Popen(words, cwd=commands.folder, text=True, **pipes)
         commands.adopt(process)
         url = commands.line_with(process, "dashboard: ").split()[1]
-        assert commands.line_with(process, "now shows the recording").startswith(url)
-        with urllib.request.urlopen(url) as page:
-            assert page.status == 200
+        with window(browser) as context:
+            page, _ = open_page(context, url)
+            expect(page.get_by_role("button", name="EMERGENCY HALT")).to_be_visible()
+            assert commands.line_with(process, "now shows the recording").startswith(url)
+            expect(page.get_by_role("button", name="▶ Play", exact=True)).to_be_visible(timeout=1000 * PATIENCE_S)
+            expect(page.get_by_role("button", name="EMERGENCY HALT")).to_have_count(0)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE_S) == 0
     finally:
@@ -137,17 +138,12 @@ def _scrub_to(page: Page, time_s: str) -> None:
         field.press("Enter")
         field.blur()
         try:
-            expect(page.get_by_test_id("replay-time")).to_contain_text(wanted, timeout=TYPED_MS)
+            expect(page.get_by_test_id("replay-time")).to_contain_text(wanted, timeout=5000)
         except AssertionError:
             return False
         return True
 
     until(is_there, f"the replay never came to {wanted}")
-
-
-def _time_told(page: Page) -> str:
-    """The time that the figures are of, which are drawn after the replay's own."""
-    return page.get_by_test_id("sim-time").inner_text()
 
 
 def _explored(page: Page) -> float:
