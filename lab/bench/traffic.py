@@ -23,6 +23,8 @@ from robrain.plugins.behavior.travel import Travel, TravelParameters, TravelStat
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Metres
+from robrain.recording.invariants.judging import Judging
+from robrain.recording.invariants.robot_invariants import MutualWait
 from robrain.sim.faults.fault_spec import COORDINATOR, FaultKind, FaultSpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -233,6 +235,8 @@ class TrafficRun(msgspec.Struct, frozen=True, kw_only=True):
     """Longest time without motion of a robot, except during its own fault."""
     blocked: int
     """Number of robots that had not moved for `WAIT_S` at the end."""
+    mutual_waits: int
+    """Pairs of robots that waited for each other for longer than `robrain check` allows."""
 
 
 def run_case(case: TrafficCase) -> TrafficRun:
@@ -241,12 +245,14 @@ def run_case(case: TrafficCase) -> TrafficRun:
     faults = tuple(_faults(len(floor.rounds), case)) if case.with_faults else ()
     world = _world(floor, case.seed, faults)
     run = LockstepRun(world, planning=PlanningPolicy(exploration=NO_EXPLORATION), processes=case.with_faults)
+    judging = Judging(judges=(MutualWait,))
     try:
+        run.follow(judging.receive)
         observer = _Observer(run, faults)
         while run.sim_time_s < case.duration_s:
             run.tick()
             observer.step()
-        return observer.result(case)
+        return observer.result(case, judging)
     finally:
         run.close()
 
@@ -307,7 +313,7 @@ class _Observer:
         self.contacts += len(touching - self._touching)
         self._touching = touching
 
-    def result(self, case: TrafficCase) -> TrafficRun:
+    def result(self, case: TrafficCase, judging: Judging) -> TrafficRun:
         """The result of the run so far."""
         now_s = self._run.sim_time_s
         couriers = [host.manager.get("courier").plugin for host in self._run.hosts]
@@ -317,6 +323,7 @@ class _Observer:
             contacts=self.contacts,
             longest_wait_s=self._longest_s,
             blocked=int((now_s - self._moved_s > WAIT_S).sum()),
+            mutual_waits=sum(ruling.broken for ruling in judging.finish()),
         )
 
 
@@ -355,6 +362,7 @@ def figures(runs: Sequence[TrafficRun]) -> Iterator[Figure]:
         minutes = sum(run.case.duration_s for run in alike) / 60.0
         yield deterministic(f"{name}: longest wait", max(run.longest_wait_s for run in alike), "s", at_most(WAIT_S))
         yield deterministic(f"{name}: blocked robots at the end", sum(run.blocked for run in alike), "", at_most(0))
+        yield deterministic(f"{name}: mutual waits", sum(run.mutual_waits for run in alike), "", at_most(0))
         yield deterministic(f"{name}: contacts", sum(run.contacts for run in alike), "", at_most(0))
         yield deterministic(f"{name}: places reached in a minute", sum(run.trips for run in alike) / minutes)
 

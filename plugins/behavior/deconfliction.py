@@ -206,7 +206,7 @@ class TravelClaim:
 
     def follow(self, leader: NearbyRobot | None) -> None:
         """Act by the claim of the robot behind which this robot drives, if there is one."""
-        self._led = None if leader is None else leader.claim.lend(leader.name)
+        self._led = None if leader is None else leader.claim.lend(leader.name, to_follower=True)
 
     def make_room_for(self, teammate: NearbyRobot) -> None:
         """Act by that teammate's claim, until `restore`."""

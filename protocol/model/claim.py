@@ -12,6 +12,8 @@ Rank = tuple[int, float, str, int, str]
 """Key by which claims are compared."""
 IDLE_S = 1e12
 """`since_s` of a robot without a goal: it yields to all others."""
+FOLLOWS = 1000
+"""Added to `lent` of a robot that drives behind another: more than robots pass on a claim to make room."""
 PRIORITY_S = 20.0
 """A task's priority counts like this much time under way, for each degree."""
 
@@ -35,9 +37,13 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     lent: Degree = 0
     """How many robots have passed the claim on."""
 
-    def lend(self, name: str) -> "Claim":
-        """The claim of a robot that acts by the claim of the robot `name`, which this is: next after it."""
-        return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=self.lent + 1)
+    def lend(self, name: str, *, to_follower: bool = False) -> "Claim":
+        """The claim of a robot that makes room for the robot `name`, which has this claim, or follows it.
+
+        Robots that make room go before those that follow, as otherwise they might have no place to go to.
+        """
+        lent = self.lent + (FOLLOWS if to_follower else 1)
+        return msgspec.structs.replace(self, lent_by=self.lent_by or name, lent=lent)
 
     def rank(self, name: str) -> Rank:
         """Key by which the robot `name` with this claim is compared with others: the lesser goes first."""
