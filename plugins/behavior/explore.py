@@ -125,10 +125,11 @@ def _scout(teammate: NearbyRobot) -> Scout:
     return Scout(teammate.name, place, teammate.radius_m, teammate.bound if teammate.behavior == ALONE else None)
 
 
-OWN_CHOICES = 12
-SPENT_MAX = 256
+OWN_CHOICES, SPENT_MAX = 12, 256
 CHECK_PERIOD_S = 3.0
 """Period of the search for a frontier to explore, while the robot searches for its place."""
+ROAMING_SOC = 0.5
+"""A lost robot that stands on a charger charges up to this state of charge (chosen), and then moves on."""
 SIGHT_M = 1.5
 """Greatest distance from which a frontier is observed."""
 HERE_M = 0.3
@@ -302,7 +303,7 @@ class ExploreBehavior(Behavior):
     def _may_roam(self) -> bool:
         """Whether the lost robot maps in its own frame: with more observations it is localised sooner."""
         battery = self.env.board.battery
-        return self.env.board.frame != ARENA and not (battery is not None and battery.charging)
+        return self.env.board.frame != ARENA and (battery is None or not battery.charging or battery.soc >= ROAMING_SOC)
 
     def _is_free(self) -> bool:
         """Whether no behavior drives, or the robot searches for its place although it could explore."""

@@ -36,10 +36,6 @@ def _epoch_not_raised() -> list[Patch]:
     return [(TaskBook, "offered", offered)]
 
 
-def _lease_not_kept() -> list[Patch]:
-    return [(RobotTasks, "check_lease", lambda self, now_ns: None)]
-
-
 def _journal_late() -> list[Patch]:
     accept, change = Journal.accept, Journal.change
 
@@ -86,10 +82,6 @@ def _any_report_counts() -> list[Patch]:
     return [(TaskBook, "record_status", record_status)]
 
 
-def _halt_forgotten() -> list[Patch]:
-    return [(TeamHalts, "status", lambda self, now_ns: None)]
-
-
 def _offer_never_free() -> list[Patch]:
     honest = reconciling.reconcile
 
@@ -97,10 +89,6 @@ def _offer_never_free() -> list[Patch]:
         return None if record.state is TaskState.OFFERED else honest(record, *given)
 
     return [(task_lifecycle, "reconcile", trusting)]
-
-
-def _strays_stay() -> list[Patch]:
-    return [(TaskLifecycle, "withdraw_strays", lambda self, now_ns: None)]
 
 
 def _backoff_without_end() -> list[Patch]:
@@ -128,13 +116,13 @@ def _cancelled_forgotten() -> list[Patch]:
 
 BUGS: Mapping[str, Callable[[], list[Patch]]] = {
     "epoch_not_raised": _epoch_not_raised,
-    "lease_not_kept": _lease_not_kept,
+    "lease_not_kept": lambda: [(RobotTasks, "check_lease", lambda self, now_ns: None)],
     "journal_late": _journal_late,
     "requeued_without_order": _requeued_without_order,
     "any_report_counts": _any_report_counts,
-    "halt_forgotten": _halt_forgotten,
+    "halt_forgotten": lambda: [(TeamHalts, "status", lambda self, now_ns: None)],
     "offer_never_free": _offer_never_free,
-    "strays_stay": _strays_stay,
+    "strays_stay": lambda: [(TaskLifecycle, "withdraw_strays", lambda self, now_ns: None)],
     "backoff_without_end": _backoff_without_end,
     "cancelled_forgotten": _cancelled_forgotten,
 }

@@ -184,8 +184,16 @@ def explore(host) -> ExploreBehavior:
     return host.manager.get("explore").live_plugin()
 
 
-def test_it_takes_no_task_while_it_roams(lost):
+def on_charger(soc: float) -> BatteryState:
+    return BatteryState(voltage_v=15.0, current_a=-1.0, temperature_c=20.0, soc=soc, remaining_j=1e5, charging=True)
+
+
+def test_lost_robot_charges_before_it_roams_and_takes_no_task_then(lost):
     one, host = lost
+    host.board.battery = on_charger(0.4)
+    one.run(3.0)
+    assert host.board.behavior == "idle"
+    host.board.battery = on_charger(0.6)
     one.run(3.0)
     goal = explore(host).goal()
     assert goal is not None
