@@ -157,6 +157,8 @@ class Travel:
         self._moved_at: Pose2D | None = None
         self._moved_ns = 0
         """When and where it was last seen to move."""
+        self._since_ns = 0
+        """Time at which it set out; another goal under way does not change it."""
         self._planned_ns = 0
         self._checked_ns = 0
         """Time of the last search for another path or a refuge."""
@@ -289,10 +291,12 @@ class Travel:
             for goal in goals:
                 path = self._plan(encounter, goal, is_narrow=squeezes)
                 if path is not None:
+                    if self._goal is None:
+                        self._since_ns = self._env.clock.now_ns()
                     self._goal = goal
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
-                    self._travel_claim.set_out(priority, self._env.clock.now_ns())
+                    self._travel_claim.set_out(priority, self._since_ns)
                     self._go(self._handle(path, pose, is_narrow=squeezes), self._meet(pose), pose)
                     return True
         return False

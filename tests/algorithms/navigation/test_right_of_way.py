@@ -128,11 +128,12 @@ def test_cornered_robot_goes_before_one_that_set_out_first_and_that_before_the_n
 
 
 @given(claims, claims)
-def test_robot_with_a_lent_claim_comes_next_after_its_owner(claim, other):
+def test_robots_with_a_lent_claim_come_after_its_owner_and_before_all_others(claim, other):
     lent = claim.lend("a")
-    assert claim.rank("a") < lent.rank("b") < lent.lend("b").rank("c")
+    follower = claim.lend("a", to_follower=True)
+    assert claim.rank("a") < lent.rank("b") < lent.lend("b").rank("c") < follower.rank("a")
     if claim.rank("a") < other.rank("c") and other.rank("c")[:2] != claim.rank("a")[:2]:
-        assert lent.rank("b") < other.rank("c")
+        assert follower.rank("b") < other.rank("c")
 
 
 def test_order_of_robots_follows_from_who_is_on_whose_remaining_path():
