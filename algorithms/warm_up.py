@@ -44,6 +44,7 @@ from robrain.algorithms.navigation.right_of_way import (
     any_within,
     escape_cells,
     meet,
+    orders,
     pass_on,
     release,
     sample_path,
@@ -137,7 +138,9 @@ def _navigation_grid() -> None:
     navigation = NavigationGrid(free, GEOMETRY, 0.1)
     positions = sample_path(np.array([[0.35, 0.35], [0.35, 0.6]]), 10.0)
     standpoint(free, navigation.traversable, (3, 3), 2)
-    navigation.path(Point2D(0.15, 0.15), Point2D(0.65, 0.45), snap_m=0.5, dear=[Zone(positions, 0.1)])
+    for keeps_right in (False, True):
+        ends = Point2D(0.15, 0.15), Point2D(0.65, 0.45)
+        navigation.path(*ends, snap_m=0.5, dear=[Zone(positions, 0.1)], keeps_right=keeps_right)
     navigation.clear_positions(free, positions)
 
 
@@ -150,6 +153,7 @@ def _right_of_way() -> None:
     teammate = _teammate()
     positions = teammate.positions
     release(positions, 0.6, [teammate], Margins())
+    orders(sample_path(np.array([[0.35, 0.05], [0.35, 0.6]]), 10.0), [teammate], 0.1)
     meet(positions, teammate, 0.1)
     pass_on([positions], [0], positions[:1])
     DrivenPath(positions).ahead(0.35, 0.35, 1.0)

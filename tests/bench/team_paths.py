@@ -96,14 +96,10 @@ class _Search:
 
     def run(self, starts: Joint, steps_max: int) -> list[Joint] | None:
         count = len(starts)
-        first = _Node(
-            starts, None, 0.0, [self._distances[robot][place] / 1e6 for robot, place in enumerate(starts)]
-        )
+        first = _Node(starts, None, 0.0, [self._distances[robot][place] / 1e6 for robot, place in enumerate(starts)])
         nodes, stack, goal = {starts: first}, [first], None
         for _ in range(steps_max):
-            while stack and (
-                not stack[-1].constraints or (goal is not None and self._least(stack[-1]) >= goal.cost)
-            ):
+            while stack and (not stack[-1].constraints or (goal is not None and self._least(stack[-1]) >= goal.cost)):
                 stack.pop()
             if not stack:
                 break
@@ -141,9 +137,7 @@ class _Search:
 
     def _cost(self, joint: Joint, then: Joint) -> float:
         """Robots that are not at their goals, or leave them."""
-        return sum(
-            not (place == after == goal) for place, after, goal in zip(joint, then, self._goals, strict=True)
-        )
+        return sum(not (place == after == goal) for place, after, goal in zip(joint, then, self._goals, strict=True))
 
     def _least(self, node: _Node) -> float:
         return node.cost + sum(distance[place] for distance, place in zip(self._distances, node.joint, strict=True))
@@ -207,7 +201,6 @@ class _Search:
         self._next[here], self._to[robot] = robot, here
         return False
 
-
     def _partner(self, robot: int, best: int) -> int:
         """The robot that has to swap places with this one in a passage, and can do so behind it; −1 if there is none.
 
@@ -217,7 +210,12 @@ class _Search:
         if best == here:
             return -1
         other = self._now.get(best, -1)
-        if other >= 0 and self._to[other] < 0 and self._must_swap(robot, other, here, best) and self._can_swap(best, here):
+        if (
+            other >= 0
+            and self._to[other] < 0
+            and self._must_swap(robot, other, here, best)
+            and self._can_swap(best, here)
+        ):
             return other
         for near in self._neighbours[here]:
             other = self._now.get(near, -1)

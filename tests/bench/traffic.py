@@ -1,4 +1,4 @@
-"""Dense traffic: places that robots reach by right of way alone, beside a centralised plan by LaCAM* on the same floors.
+"""Dense traffic: places reached by right of way alone, beside a centralised plan by LaCAM* on the same floors.
 
 The plan's robots occupy the places of a square grid, move from one to the next in the time that a robot of the team
 needs at full speed, all at once, and have neither delay nor margins. The plan is made anew when one of them has reached
