@@ -37,7 +37,7 @@ SECTIONS = {
     "traffic": Section(
         "Traffic",
         "`robrain bench traffic` with points, seed 1. LaCAM* (Okumura 2023) plans on the same floors for robots on a "
-        "grid of 0.5 m without margins and delays, anew whenever one of them has reached a place.",
+        "grid of 0.5 m without margins and delays. Each time that one of them reaches a place it plans again.",
         "tests.bench.traffic:measure",
     ),
     "motion": Section(
