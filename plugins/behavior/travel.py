@@ -337,11 +337,12 @@ class Travel:
                 return True
             self.stop()
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        if is_due and encounter.pressing(_here(pose), ROOM_S):
+        pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
+        if pressed_by:
             self._checked_ns = now_ns
-            path = self._planner.escape(self.view(), Point2D(pose.x_m, pose.y_m), *encounter.to_escape())
-            if path is not None:
-                leg = self._leg = Leg(self._outlet, pose, path, is_escape=True)
+            (presser, *_) = (teammate for teammate in encounter.teammates if teammate.name in pressed_by)
+            leg = self._leg = self._refuge(encounter, pose, presser, self._widths())
+            if leg is not None:
                 leg.drive(leg.guard(encounter, pose), IDLE)
                 return True
         return False
@@ -534,23 +535,29 @@ class Travel:
 
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot) -> None:
         """Leave the path of a teammate with priority, or claim to have nowhere to go."""
-        view, place = self.view(), Point2D(pose.x_m, pose.y_m)
-        path, is_narrow = None, False
-        for is_narrow in (False, True) if leg.is_narrow else (False,):
-            path = self._planner.escape(view, place, *encounter.to_escape(), is_narrow=is_narrow)
-            if path is None:
-                found = encounter.to_escape(teammate)
-                path = self._planner.escape(view, place, *found, is_late=True, is_narrow=is_narrow)
-            if path is not None:
-                break
-        if path is None:
+        out = self._refuge(encounter, pose, teammate, (False, True) if leg.is_narrow else (False,))
+        if out is None:
             self._travel_claim.has_no_refuge(encounter, _here(pose), self._env.clock.now_ns())
             leg.stop(self._travel_claim.claim)
             return
         self._planned_ns = self._env.clock.now_ns()
         self._travel_claim.make_room_for(teammate)
-        self._leg = out = Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
+        self._leg = out
         out.drive(out.guard(encounter, pose), self._travel_claim.claim)
+
+    def _refuge(
+        self, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot, widths: tuple[bool, ...]
+    ) -> Leg | None:
+        """A path out of a teammate's path, past robots with lower priority if necessary; None if there is none."""
+        view, place = self.view(), Point2D(pose.x_m, pose.y_m)
+        for is_narrow in widths:
+            path = self._planner.escape(view, place, *encounter.to_escape(), is_narrow=is_narrow)
+            if path is None:
+                pushed = encounter.to_escape(teammate)
+                path = self._planner.escape(view, place, *pushed, is_late=True, is_narrow=is_narrow)
+            if path is not None:
+                return Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
+        return None
 
     def _wait_for(self, robot: str, wait_s: float = 0.0) -> None:
         self._env.board.waits_for, self.wait_s = robot, wait_s
