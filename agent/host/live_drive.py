@@ -43,10 +43,6 @@ class DrivenPlugin:
         self._step_due_s = 0.0
         self._was_passive = True
 
-    def is_due(self, now_s: float) -> bool:
-        """Whether its turn has come."""
-        return self.is_wanted or self.due_s <= now_s
-
     def turn(self) -> None:
         """Deliver the plugin's waiting notifications, then its own step if that is due."""
         plugin = self.plugin
@@ -88,7 +84,9 @@ class PluginThreads:
         self._members: dict[tuple[str, int, int], DrivenPlugin] = {}
         self._changed = threading.Condition()
         self._threads: list[OwnedThread] = []
-        self._waiting = self._begun = 0
+        self._alive = 0
+        self._entered: list[DrivenPlugin] = []
+        """Plugins in which a thread may be."""
         self._watches: list[float] = []
         """Times at which waiting threads wake by themselves; the others sleep until they are notified."""
         self._stopping = False
@@ -106,7 +104,7 @@ class PluginThreads:
                 if key not in self._members:
                     member = self._members[key] = DrivenPlugin(plugin)
                     plugin.mailbox.wake = partial(self._want, member)
-            if self._waiting:
+            if self._free():
                 self._changed.notify_all()
             else:
                 self._begin()
@@ -130,9 +128,14 @@ class PluginThreads:
             if not member.is_busy:
                 self._changed.notify()
 
+    def _free(self) -> int:
+        """Number of threads that are in no plugin: they wait for a turn, or are about to."""
+        self._entered = [member for member in self._entered if member.is_busy]
+        return self._alive - len(self._entered)
+
     def _begin(self) -> None:
-        self._begun += 1
-        thread = OwnedThread(f"plugin-thread-{self._begun}", self._run)
+        thread = OwnedThread("plugin-thread", self._run)
+        self._alive += 1
         self._threads = [*(each for each in self._threads if each.is_alive), thread]
 
     def _run(self) -> None:
@@ -147,26 +150,24 @@ class PluginThreads:
             finally:
                 thread.name = own_name
                 member.is_busy = False
-            if member.has_gone:
-                break  # it may have hung in there, and has been replaced
 
     def _wait_for_turn(self) -> DrivenPlugin | None:
         """Wait for a plugin whose turn is due; None if this thread is to end."""
         with self._changed:
-            if self._waiting >= SPARE:
+            if self._free() > SPARE:
+                self._alive -= 1
                 self._changed.notify()  # the plugin that this thread was in may be the next one
                 return None
-            self._waiting += 1
             member = self._next()
-            while not self._stopping and (member is None or not member.is_due(time.monotonic())):
+            while not self._stopping and not (member and (member.is_wanted or member.due_s <= time.monotonic())):
                 self._wait(math.inf if member is None else member.due_s)
                 member = self._next()
-            self._waiting -= 1
             if self._stopping or member is None:
                 return None
             member.is_wanted, member.is_busy = False, True
+            self._entered.append(member)
             following = self._next()
-            if not self._waiting:
+            if not self._free():
                 self._begin()
             elif following is not None and (following.is_wanted or following.due_s < self._watched_s()):
                 self._changed.notify()

@@ -124,8 +124,7 @@
   for (const gone of ["blur", "pagehide"]) addEventListener(gone, () => [...held.keys()].forEach(release));
 
   addEventListener("DOMContentLoaded", () => {
-    const hasHalt = (page) => page.querySelector("meta[name=rb-halt]") !== null;
-    if (hasHalt(document)) {  // a recording has none
+    if (document.querySelector("meta[name=rb-halt]")) {  // a recording has none
       const button = document.createElement("button");
       button.id = "rb-halt";
       button.type = "button";
@@ -143,19 +142,14 @@
     lost.id = "rb-lost";
     lost.textContent = "No word from the dashboard: what is shown is old. To halt, use the robots' own buttons.";
     document.body.append(lost);
-    // When a demo ends, a server without the halt takes its place.
-    async function reloadIfOther() {
-      const text = await (await fetch(location.href)).text();
-      if (hasHalt(new DOMParser().parseFromString(text, "text/html")) !== hasHalt(document)) location.reload();
-    }
-    let beat = "", since = performance.now(), wasLost = false;
+    let beat = "", since = performance.now();
     setInterval(() => {
       const now = document.querySelector("[data-rb-beat]")?.getAttribute("data-rb-beat") ?? "";
       if (now === "" || now !== beat || document.hidden) since = performance.now();
       beat = now;
-      const isLost = performance.now() - since > 2000;
-      if (wasLost && !isLost) reloadIfOther();
-      wasLost = isLost;
+      // When a demo ends, its page shows the recording, which has nothing to halt.
+      const button = document.getElementById("rb-halt");
+      if (button) button.style.display = document.querySelector("[data-testid=replay-time]") ? "none" : "";
       lost.style.display = performance.now() - since > 6000 ? "block" : "none";
     }, 500);
   });

@@ -252,11 +252,11 @@ def _parts(patch):
     return patch.parts or (patch,)
 
 
-def publish_maps(one, mates):
-    for name in {name for name, _ in mates}:
+def publish_maps(one, submaps):
+    for name in {name for name, _ in submaps}:
         one.wire.token(ROBOT_ALIVE, robot=name)
     one.run(0.6)
-    for name, number in mates:
+    for name, number in submaps:
         publisher = one.publisher(ROBOT_MAP, robot=name)
         publisher.put(to_message(name, GEOMETRY, CELLS, number))
         publisher.put(pose_message(name, GEOMETRY, number, IDENTITY, surfaces=SURFACES))

@@ -52,8 +52,8 @@ def test_recording_is_scrubbed_stepped_and_played(browser: Browser, commands: Co
         expect(page.get_by_test_id("replay-time")).to_contain_text("❚❚")
 
         _scrub_to(page, "2")
-        told = page.get_by_test_id("sim-time")
-        wait_for(told.inner_text, lambda text: text in ("0:01", "0:02"), "the figures of that time")
+        shown = page.get_by_test_id("sim-time")
+        wait_for(shown.inner_text, lambda text: text in ("0:01", "0:02"), "the figures of that time")
         early, share = picture_of(page), _explored(page)
         _scrub_to(page, "18")
         wait_for(lambda: _explored(page), lambda later: later > share + 10, "more of the floor")

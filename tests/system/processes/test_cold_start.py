@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +54,11 @@ def robrain(*words: str, cache: Path) -> Iterator[subprocess.Popen[str]]:
 
 def compiling_below(pid: int) -> list[int]:
     """The processes that a process has started to compile."""
-    children = psutil.Process(pid).children()
-    return [child.pid for child in children if any("compile_worker" in word for word in child.cmdline())]
+    found = []
+    for child in psutil.Process(pid).children():
+        with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+            found += [child.pid for word in child.cmdline() if "compile_worker" in word]
+    return found
 
 
 def fill(cache: Path) -> None:
