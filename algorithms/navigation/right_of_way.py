@@ -36,7 +36,7 @@ TEAMMATE_AHEAD_M = 25.0
 """Length of a teammate's path that is checked, chosen: the longest corridor that two robots should not both enter."""
 LONGEST_M = 1000.0
 """The longest path that is followed."""
-BEHIND_M, SHARED_M = 3.0, 1.5
+BEHIND_M, SHARED_M = 5.0, 1.5
 """Of robots that drive one behind the other (chosen)."""
 SEARCH = 30
 """Largest number of positions by which a robot advances between two checks: 3 m."""
