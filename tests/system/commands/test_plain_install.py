@@ -73,6 +73,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench log", ["room.clf"], "sim,team"),
     ("bench exploration", [], "sim,team"),
     ("bench estimates", [], "sim,team"),
+    ("bench traffic", [], "sim,team"),
     ("bench motes", [], "sim,team"),
     ("bench mapping", [], "sim,team"),
     ("lead", [], WORKS),

@@ -106,7 +106,7 @@ def test_replay_is_run_again_without_a_robot_from_the_time_shown(
 def test_page_of_a_demo_in_a_terminal_shows_its_recording_until_ctrl_c(browser: Browser, commands: Commands) -> None:
     keyboard, terminal = pty.openpty()
     try:
-        words = [sys.executable, "-c", DEMO, "demo", "--speed", "4", "--port", "0"]
+        words = [sys.executable, "-c", DEMO, "demo", "--speed", "1", "--port", "0"]
         pipes = {"stdin": terminal, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
         process = subprocess.Popen(words, cwd=commands.folder, text=True, **pipes)
         commands.adopt(process)
