@@ -122,7 +122,7 @@ class CourierWorld(World):
         )
 
 
-def _floor(width_m: float, height_m: float, *boxes: tuple[float, float, float, float]) -> FloorPlan:
+def floor_of(width_m: float, height_m: float, *boxes: tuple[float, float, float, float]) -> FloorPlan:
     """Solid but for these boxes (x0, y0, x1, y1), metres."""
     occupied = np.ones((round(height_m / CELL_M), round(width_m / CELL_M)), np.bool_)
     for box in boxes:
@@ -132,7 +132,7 @@ def _floor(width_m: float, height_m: float, *boxes: tuple[float, float, float, f
 
 
 def _swap(_seed: int) -> TrafficFloor:
-    plan = _floor(12.0, 4.0, (0.3, 0.5, 2.1, 3.5), (9.9, 0.5, 11.7, 3.5), (2.1, 1.7, 9.9, 2.5), (5.5, 2.5, 6.5, 3.3))
+    plan = floor_of(12.0, 4.0, (0.3, 0.5, 2.1, 3.5), (9.9, 0.5, 11.7, 3.5), (2.1, 1.7, 9.9, 2.5), (5.5, 2.5, 6.5, 3.3))
     left, right = (1.2, 2.0), (10.8, 2.0)
     return TrafficFloor(plan, [[right, left], [left, right]])
 
@@ -140,7 +140,7 @@ def _swap(_seed: int) -> TrafficFloor:
 def _lane(_seed: int) -> TrafficFloor:
     """20 robots in two rooms, joined by a lane of 15 m for one robot with three passing places."""
     bays = [(x_m, 3.4, x_m + 1.6, 4.4) for x_m in (8.0, 11.7, 15.4)]
-    plan = _floor(25.0, 6.0, (0.3, 0.3, 5.0, 5.7), (20.0, 0.3, 24.7, 5.7), (5.0, 2.5, 20.0, 3.4), *bays)
+    plan = floor_of(25.0, 6.0, (0.3, 0.3, 5.0, 5.7), (20.0, 0.3, 24.7, 5.7), (5.0, 2.5, 20.0, 3.4), *bays)
     places = [(x_m, y_m) for y_m in (0.9, 1.8, 3.0, 4.2, 5.1) for x_m in (1.0, 2.2)]
     other = [(25.0 - x_m, y_m) for x_m, y_m in places]
     rounds = [[there, here] for here, there in zip(places, other, strict=True)]
@@ -149,7 +149,7 @@ def _lane(_seed: int) -> TrafficFloor:
 
 def _crossing(_seed: int) -> TrafficFloor:
     """16 robots in four corridors of 1.6 m that meet: each goes to the opposite end and back."""
-    plan = _floor(16.0, 16.0, (0.3, 7.2, 15.7, 8.8), (7.2, 0.3, 8.8, 15.7))
+    plan = floor_of(16.0, 16.0, (0.3, 7.2, 15.7, 8.8), (7.2, 0.3, 8.8, 15.7))
     rounds = []
     for quarter in range(4):
         for along_m, aside_m in ((7.2, -0.4), (7.2, 0.4), (6.2, -0.4), (6.2, 0.4)):
@@ -163,7 +163,7 @@ def _crossing(_seed: int) -> TrafficFloor:
 
 def _dead_end(_seed: int) -> TrafficFloor:
     """6 robots that go round six places, three of them one behind the other in a dead end for one robot."""
-    plan = _floor(12.0, 5.0, (0.3, 0.3, 5.0, 4.7), (5.0, 2.0, 11.7, 3.0))
+    plan = floor_of(12.0, 5.0, (0.3, 0.3, 5.0, 4.7), (5.0, 2.0, 11.7, 3.0))
     places = [(11.0, 2.5), (1.2, 1.0), (9.0, 2.5), (1.2, 2.5), (7.0, 2.5), (1.2, 4.0)]
     return TrafficFloor(plan, [[*places[number + 1 :], *places[: number + 1]] for number in range(len(places))])
 
@@ -193,7 +193,7 @@ def _random(seed: int) -> TrafficFloor:
         else:
             at_m = x0 + share * (x1 - x0 - width_m)
             boxes.append((at_m, y0 - wall_m, at_m + width_m, y0))
-    plan = _floor(columns * side_m + wall_m, rows * side_m + wall_m, *boxes)
+    plan = floor_of(columns * side_m + wall_m, rows * side_m + wall_m, *boxes)
     corners = [(x0 + dx, y0 + dy) for x0, y0, _, _ in boxes[: columns * rows] for dx in (0.7, 3.1) for dy in (0.7, 3.1)]
     drawn = [corners[index] for index in rng.permutation(len(corners))[:36].tolist()]
     return TrafficFloor(plan, [drawn[3 * number : 3 * number + 3] for number in range(12)])

@@ -31,7 +31,7 @@ from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
-from robrain.protocol.model.claim import PRIORITY_S, Claim
+from robrain.protocol.model.claim import LEFT_WEIGHT, PRIORITY_S, Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 
 MARGINS = Margins()
@@ -183,6 +183,8 @@ class TravelClaim:
 
     def __init__(self) -> None:
         self._own = Claim()
+        self._begun_s = 0.0
+        """Time at which the travel began, less what its priority counts."""
         self._lent: Claim | None = None
         """Claim of the robot for which it makes room."""
         self._led: Claim | None = None
@@ -200,7 +202,8 @@ class TravelClaim:
 
     def set_out(self, priority: float, now_ns: int) -> None:
         """Begin a new travel."""
-        self._own = Claim(since_s=round(to_seconds(now_ns) - PRIORITY_S * min(priority, PRIORITY_MAX), 1))
+        self._begun_s = to_seconds(now_ns) - PRIORITY_S * min(priority, PRIORITY_MAX)
+        self._own = Claim()
         self._lent = self._led = None
         self._cornered_by = []
 
@@ -212,8 +215,9 @@ class TravelClaim:
         """Act by that teammate's claim, until `restore`."""
         self._lent = teammate.claim.lend(teammate.name)
 
-    def restore(self) -> None:
-        """Act by its own claim again."""
+    def restore(self, left_s: float) -> None:
+        """Act by its own claim again; its path still takes that long."""
+        self._own = msgspec.structs.replace(self._own, order_s=round(self._begun_s + LEFT_WEIGHT * left_s, 1))
         self._lent = None
 
     def has_no_refuge(self, encounter: Encounter, here: Floats, now_ns: int) -> None:

@@ -476,7 +476,7 @@ class Travel:
         self._end = leg.end
         self._planned_ns = self._env.clock.now_ns()
         self._lost_ns = None
-        self._travel_claim.restore()
+        self._travel_claim.restore(leg.path.length_m / self._parameters.speed_m_s)
         return leg
 
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:

@@ -112,7 +112,7 @@ def test_ways_meet_where_any_positions_are_nearer_than_reach_and_not_as_near():
     assert meet(far, as_near, 0.25) is False
 
 
-claims = st.builds(Claim, cornered=st.integers(0, 2), since_s=st.sampled_from([-20.0, 0.0, 1.5, 9.0]))
+claims = st.builds(Claim, cornered=st.integers(0, 2), order_s=st.sampled_from([-20.0, 0.0, 1.5, 9.0]))
 names = st.sampled_from(["r1", "r2", "r10"])
 
 
@@ -122,9 +122,9 @@ def test_claims_of_two_robots_are_never_equal(one, other):
 
 
 def test_cornered_robot_goes_before_one_that_set_out_first_and_that_before_the_name():
-    assert Claim(cornered=2, since_s=9.0).rank("b") < Claim(cornered=1, since_s=1.0).rank("a")
-    assert Claim(since_s=1.0).rank("b") < Claim(since_s=9.0).rank("a")
-    assert Claim(since_s=1.0).rank("a") < Claim(since_s=1.0).rank("b") < Claim().rank("a")
+    assert Claim(cornered=2, order_s=9.0).rank("b") < Claim(cornered=1, order_s=1.0).rank("a")
+    assert Claim(order_s=1.0).rank("b") < Claim(order_s=9.0).rank("a")
+    assert Claim(order_s=1.0).rank("a") < Claim(order_s=1.0).rank("b") < Claim().rank("a")
 
 
 @given(claims, claims)

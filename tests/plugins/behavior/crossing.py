@@ -17,18 +17,8 @@ from robrain.sim.world.arena import Arena
 from robrain.sim.world.world import TICK_S, World
 from tests.plugins.arena_bench import ArenaBench, start_parameters
 
-RESOLUTION_M = 0.1
 WATCHED_S = 0.2
 TEAM = "crossing"
-
-
-def floor(width_m: float, height_m: float, *open_boxes: tuple[float, float, float, float]) -> FloorPlan:
-    """Solid but for these boxes (x0, y0, x1, y1), metres."""
-    occupied = np.ones((round(height_m / RESOLUTION_M), round(width_m / RESOLUTION_M)), np.bool_)
-    for box in open_boxes:
-        x0, y0, x1, y1 = (round(edge_m / RESOLUTION_M) for edge_m in box)
-        occupied[y0:y1, x0:x1] = False
-    return FloorPlan(occupied, RESOLUTION_M, 0.0, 0.0, "floor")
 
 
 class Crossing(ArenaBench):

@@ -6,10 +6,11 @@ planner's margin allow; there the lidars are without noise, because one wrong re
 
 import pytest
 
+from robrain.lab.bench.traffic import floor_of
 from robrain.plugins.behavior.travel import TravelState
 from robrain.protocol.model.geometry import Point2D
 from robrain.sim.robot.lidar import LidarSpec
-from tests.plugins.behavior.crossing import Crossing, floor
+from tests.plugins.behavior.crossing import Crossing
 
 P = Point2D
 DEADLOCK_S = 10.0
@@ -26,7 +27,7 @@ def cross(session):
     opened = []
 
     def build(plan, ways, **more):
-        opened.append(Crossing(session, floor(*plan), ways, **more))
+        opened.append(Crossing(session, floor_of(*plan), ways, **more))
         return opened[-1]
 
     yield build
