@@ -87,8 +87,8 @@ CREEP_POSITIONS = 3
 which blocks robots at the corner of a narrow place."""
 DETOUR_GAIN_M = 1.0
 """Least additional distance before the wait that makes another path with a wait better."""
-RIGHT_S = 4.0
-"""A robot keeps to the right for this time after another has come towards it (chosen)."""
+RIGHT_S = 20.0
+"""A robot keeps to the right for this time after another has come towards it (chosen: decision 0076)."""
 MOVED_M = 0.1
 """Less than this is no motion."""
 IDLE = Claim()
