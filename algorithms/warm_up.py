@@ -28,7 +28,7 @@ from robrain.algorithms.mapping.map_accuracy import measure_map_accuracy
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.mapping.ray_cast import cast_rays
 from robrain.algorithms.navigation.frontier import find_frontiers
-from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone, clearance_m
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath, clearance_m
 from robrain.algorithms.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.algorithms.navigation.path_planning import (
     distance_field,
@@ -140,7 +140,7 @@ def _navigation_grid() -> None:
     standpoint(free, navigation.traversable, (3, 3), 2)
     for keeps_right in (False, True):
         ends = Point2D(0.15, 0.15), Point2D(0.65, 0.45)
-        navigation.path(*ends, snap_m=0.5, dear=[Zone(positions, 0.1)], keeps_right=keeps_right)
+        navigation.path(*ends, snap_m=0.5, dear=[Swath(positions, 0.1)], keeps_right=keeps_right)
     navigation.clear_positions(free, positions)
 
 

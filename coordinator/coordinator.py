@@ -16,6 +16,7 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.backups import Backups
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
+from robrain.coordinator.parts.zone_keeper import ZoneKeeper
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
@@ -205,6 +206,7 @@ def stock_parts(rules: Sequence[Rule] = (), elected: Elected | None = None) -> l
         partial(TaskRules, rules=rules),
         MoteMembers,
         FieldKeeper,
+        ZoneKeeper,
         Charging,
         Exploration,
         Backups,

@@ -100,7 +100,7 @@ NARROW = 12.0
 """Extra cost (chosen) of a metre in the narrowest place over one with the preferred clearance. A detour is preferred
 unless it is longer by more than this."""
 DEAR = 5.0
-"""Extra cost (chosen) of a cell in a zone: more than `DISCOMFORT`, so that the width of a corridor is used."""
+"""Extra cost (chosen) of a cell in a swath: more than `DISCOMFORT`, so that the width of a corridor is used."""
 
 
 RIGHT_M = 0.35
@@ -113,7 +113,7 @@ CENTRED_M = 0.5
 that is half of the spare room."""
 
 
-class Zone(NamedTuple):
+class Swath(NamedTuple):
     """Floor to leave to other robots if possible: all within `radius_m` of positions (N, 2), metres, arena frame."""
 
     positions: Floats
@@ -144,6 +144,7 @@ class NavigationGrid:
         unknown_cost: cost of unknown floor relative to known floor, at least 1; None if it is not driven on.
         preferred_m: clearance below which a place is narrow and costs extra, the more the narrower it is. None means
             `needed_m`, with which no place is narrow.
+        surcharge: (H, W) float32, extra cost of a metre; None for none.
 
     """
 
@@ -154,8 +155,10 @@ class NavigationGrid:
         needed_m: float,
         unknown_cost: float | None = None,
         preferred_m: float | None = None,
+        surcharge: NDArray[np.float32] | None = None,
     ) -> None:
         self.geometry = geometry
+        self.surcharge = surcharge
         self.needed_m = needed_m
         self.preferred_m = needed_m if preferred_m is None else max(needed_m, preferred_m)
         self.unknown_cost = unknown_cost
@@ -203,6 +206,8 @@ class NavigationGrid:
         else:
             self.traversable[inner] = (classes != OCCUPIED) & enough
             cost[classes != FREE] *= np.float32(self.unknown_cost)
+        if self.surcharge is not None:
+            cost += self.surcharge[inner]
         self.cost[inner] = cost
 
     def snap(self, place: Point2D, radius_m: float) -> tuple[int, int] | None:
@@ -217,7 +222,7 @@ class NavigationGrid:
         *,
         snap_m: float,
         avoid: Iterable[tuple[float, float, float]] = (),
-        dear: Sequence[Zone] = (),
+        dear: Sequence[Swath] = (),
         keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """A cheapest path from start to as near to the goal as the robot can stand, within `snap_m`.
@@ -227,7 +232,7 @@ class NavigationGrid:
             goal: its goal.
             snap_m: how far start and goal may be from the ends of the path.
             avoid: circles (x, y, radius) in metres that must not be driven through.
-            dear: zones in which each cell costs `DEAR` more.
+            dear: swaths in which each cell costs `DEAR` more.
             keeps_right: whether the path keeps to the right where there is room, so that robots that meet pass.
 
         Returns: Waypoints without the start's cell, corners rounded where there is room; None if there is no path.
@@ -244,7 +249,7 @@ class NavigationGrid:
         ]
         if ends[0] is None or ends[1] is None:
             return None
-        cost = self._with_zones(dear)
+        cost = self._with_swaths(dear)
         cells = plan_path(traversable, cost, ends[0], ends[1])
         if cells is None:
             return None
@@ -280,14 +285,14 @@ class NavigationGrid:
         needed_cells = self.needed_m / geometry.resolution_m
         return int(_count_clear(classes, cells, needed_cells, self.unknown_cost is not None))
 
-    def _with_zones(self, zones: Sequence[Zone]) -> NDArray[np.float32]:
-        if not zones:
+    def _with_swaths(self, swaths: Sequence[Swath]) -> NDArray[np.float32]:
+        if not swaths:
             return self.cost
         geometry = self.geometry
         inside = np.zeros(geometry.shape, np.bool_)
-        positions = [zone.positions for zone in zones]
+        positions = [swath.positions for swath in swaths]
         cells = (np.concatenate(positions) - (geometry.origin_x_m, geometry.origin_y_m)) / geometry.resolution_m - 0.5
-        reach_cells = np.array([zone.radius_m for zone in zones]) / geometry.resolution_m
+        reach_cells = np.array([swath.radius_m for swath in swaths]) / geometry.resolution_m
         _sweep(inside, cells, np.array([len(each) for each in positions]), reach_cells)
         cost = self.cost.copy()
         cost[inside] += np.float32(DEAR)
@@ -365,8 +370,8 @@ def _sweep(inside: NDArray[np.bool_], cells: Floats, counts: NDArray[np.int64], 
     """Mark cells within reach of positions (N, 2; x, y in cells); the first `counts[0]` have the first reach."""
     height, width = inside.shape
     end = 0
-    for zone in range(counts.shape[0]):
-        reach_cells, begin, end = reaches_cells[zone], end, end + counts[zone]
+    for swath in range(counts.shape[0]):
+        reach_cells, begin, end = reaches_cells[swath], end, end + counts[swath]
         for k in range(begin, end):
             x, y = cells[k, 0], cells[k, 1]
             for row in range(max(0, math.ceil(y - reach_cells)), min(height, math.floor(y + reach_cells) + 1)):

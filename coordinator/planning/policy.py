@@ -13,6 +13,7 @@ from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, Text
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.zone import Zone, check_zones
 from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
 NEAREST: Final = "nearest"
@@ -117,9 +118,12 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     mote_field: MoteFieldPolicy = MoteFieldPolicy()
     """Actions of the coordinator on its own initiative that keep a field of motes alive: collect, stand in, relay,
     duties in turn."""
+    zones: tuple[Zone, ...] = ()
+    """Parts of the floor with rules for robots when the coordinator starts."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_zones(self.zones)
         if self.exploration in RENAMED_STRATEGIES:
             msgspec.structs.force_setattr(self, "exploration", RENAMED_STRATEGIES[self.exploration])
         if self.exploration != NO_EXPLORATION:

@@ -192,6 +192,7 @@ class TaskRequests:
             task,
             self._clock.now_ns(),
             grid=self._map.grid,
+            zones=self._map.zones,
             plugins=self._capabilities.plugins,
             others=others,
             schemas=self._capabilities.schemas(),

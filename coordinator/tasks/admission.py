@@ -29,6 +29,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
+from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.protocol.reasons import (
     AfterEnded,
     DeadlinePassed,
@@ -65,17 +66,19 @@ def impossibility(
     others: Mapping[str, TaskRecord],
     schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
     radius_m: float = 0.0,
+    zones: Sequence[Zone] = (),
 ) -> str:
     """Describe in words why a task can never be done; empty if it may be possible.
 
     Args:
         task: a new one.
         now_ns: the time.
-        grid: the known map; None if nothing is known.
+        grid: the known map, keep-out zones included; None if nothing is known.
         plugins: offer of each robot of the team; None for a robot that has not announced it.
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
         radius_m: of the smallest robot; 0 if it is unknown.
+        zones: those that bind all robots.
 
     """
     return (
@@ -83,6 +86,7 @@ def impossibility(
         or _deadline_refusal(task, now_ns)
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
+        or _zone_refusal(task.place, zones)
         or _place_refusal(task, grid, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _cycle_refusal(task, others)
@@ -204,6 +208,13 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
         return f"its deadline was {to_seconds(now_ns - task.deadline_ns):.1f} s ago"
     if task.service_s > left_s:
         return f"it takes {task.service_s:g} s at its place alone, and there are {left_s:.1f} s to its deadline"
+    return ""
+
+
+def _zone_refusal(place: Point2D, zones: Sequence[Zone]) -> str:
+    for zone in zones:
+        if zone.kind is ZoneKind.KEEP_OUT and zone.holds(place):
+            return f"({place.x_m:g}, {place.y_m:g}) is in the keep-out zone {zone.name}"
     return ""
 
 

@@ -1,12 +1,15 @@
 """The team's map: the robots' patches, merged."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.model.zone import Zone
 
 if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+    from robrain.algorithms.mapping.zone_grid import ZoneGrid
     from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
 HELD_PATCHES = 16384
@@ -19,11 +22,44 @@ class TeamMap:
     def __init__(self) -> None:
         self._atlas: SubmapAtlas | None = None
         self._held: deque[tuple[MapPatch, int | None]] | None = None
+        self._zones: tuple[Zone, ...] = ()
+        self._zone_changes = 0
+        self._zoned: OccupancyGrid | None = None
+        self._zone_grid: ZoneGrid | None = None
+
+    @property
+    def seen(self) -> "OccupancyGrid | None":
+        """The robots' submaps, composed; None before the first patch. Read-only."""
+        return None if self._atlas is None else self._atlas.grid
 
     @property
     def grid(self) -> "OccupancyGrid | None":
-        """The robots' submaps, composed; None before the first patch. Read-only."""
-        return None if self._atlas is None else self._atlas.grid
+        """The map on which robots drive: as `seen`, but keep-out zones that bind all robots are occupied."""
+        seen = self.seen
+        if seen is None or not self._zone_changes:
+            return seen
+        version = seen.version + self._zone_changes
+        if self._zoned is None or self._zoned.version != version:
+            from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
+            from robrain.algorithms.mapping.zone_grid import ZoneGrid
+
+            if self._zone_grid is None:
+                self._zone_grid = ZoneGrid(self._zones, seen.geometry)
+            self._zoned = OccupancyGrid(seen.geometry)
+            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds)
+            self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
+        return self._zoned
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """The zones that bind all robots."""
+        return self._zones
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """Obey these zones from now on."""
+        self._zones = tuple(zone for zone in zones if not zone.robots)
+        self._zone_grid = None
+        self._zone_changes += 1
 
     @property
     def version(self) -> int:
@@ -33,7 +69,7 @@ class TeamMap:
     @property
     def known_area_m2(self) -> float:
         """Area of the known floor, walls included."""
-        return 0.0 if self.grid is None else self.grid.known_count * self.grid.geometry.resolution_m**2
+        return 0.0 if self.seen is None else self.seen.known_count * self.seen.geometry.resolution_m**2
 
     def hold(self) -> None:
         """Take nothing in until `release`: patches wait, the last 16384 of them."""

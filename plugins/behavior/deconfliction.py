@@ -11,7 +11,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from robrain.algorithms.navigation.navigation_grid import Zone
+from robrain.algorithms.navigation.navigation_grid import Swath
 from robrain.algorithms.navigation.right_of_way import (
     LOOK_AHEAD_M,
     STEP_M,
@@ -26,6 +26,7 @@ from robrain.algorithms.navigation.right_of_way import (
 )
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.localisation import LocalisationInterface
+from robrain.plugins.skill.mapper.mapper import MapCells
 from robrain.plugins.skill.planner import Circle
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import Doing, NearbyRobot
@@ -169,12 +170,12 @@ def circles(teammates: Sequence[NearbyRobot], margin_m: float, doing: Doing) -> 
     ]
 
 
-def zones(teammates: Sequence[NearbyRobot], encounter: Encounter, margin_m: float) -> list[Zone]:
+def swaths(teammates: Sequence[NearbyRobot], encounter: Encounter, margin_m: float) -> list[Swath]:
     """Floor to keep free for others: the paths of robots with priority, and the places of waiting robots."""
     found = []
     for teammate, track in zip(teammates, encounter.tracks, strict=True):
         ahead = round(ZONE_AHEAD_M / STEP_M) if track.goes_first else 1
-        found.append(Zone(track.positions[:ahead], teammate.radius_m + margin_m))
+        found.append(Swath(track.positions[:ahead], teammate.radius_m + margin_m))
     return found
 
 
@@ -236,6 +237,10 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, cornered=0)
 
 
+LIMIT_AHEAD_M = 1.0
+"""A speed limit is obeyed from this far before its zone (chosen): at 0.6 m/s a robot brakes within 0.6 m."""
+
+
 class Outlet(NamedTuple):
     """Outputs of a leg: to the driver, and to the team."""
 
@@ -244,6 +249,7 @@ class Outlet(NamedTuple):
     driver: DriverInterface
     localisation: LocalisationInterface
     publish: Callable[[PlannedPath], None]
+    view: Callable[[], MapCells]
 
 
 class Leg:
@@ -268,6 +274,8 @@ class Leg:
         self._outlet = outlet
         self._released_m = -1.0
         """Length of the path sent to the driver; below 0 for none."""
+        self._fastest_m_s = math.inf
+        """Speed limit that the driver has."""
         self._reported: tuple[Claim, float | None] | None = None
 
     def guard(self, encounter: Encounter, pose: Pose2D) -> Release:
@@ -276,9 +284,9 @@ class Leg:
 
     def drive(self, allowed: Release, claim: Claim) -> None:
         """Go this far, and publish the path."""
-        route = self.path
+        route, has_other_limit = self.path, self._has_other_limit()
         if allowed.is_whole:
-            if self._released_m < route.length_m:
+            if has_other_limit or self._released_m < route.length_m:
                 self._send(route.length_m)
             self._publish(claim, None)
         elif allowed.positions < 2:
@@ -287,7 +295,7 @@ class Leg:
             until_m = route.passed_m + (allowed.positions - 1) * STEP_M
             more_m = until_m - self._released_m
             is_near_end = self._released_m - route.passed_m < NEAR_END_M
-            if more_m < 0 or more_m > NEAR_END_M or (is_near_end and more_m > 0.5 * STEP_M):
+            if has_other_limit or more_m < 0 or more_m > NEAR_END_M or (is_near_end and more_m > 0.5 * STEP_M):
                 self._send(until_m)
             self._publish(claim, until_m)
 
@@ -305,10 +313,20 @@ class Leg:
             return None
         return Leg(self._outlet, pose, _points(self.path, until_m), is_narrow=self.is_narrow)
 
+    def _has_other_limit(self) -> bool:
+        """Update the speed limit; whether it is another than before."""
+        zones, was_m_s = self._outlet.view().zones, self._fastest_m_s
+        if zones is None:
+            self._fastest_m_s = math.inf
+        else:
+            pose = self._outlet.localisation.pose()
+            self._fastest_m_s = zones.fastest_m_s(self.path.ahead(pose.x_m, pose.y_m, LIMIT_AHEAD_M))
+        return self._fastest_m_s != was_m_s
+
     def _send(self, until_m: float) -> None:
         self._released_m = until_m
         path = self._outlet.localisation.to_odom(_points(self.path, until_m))
-        self._outlet.driver.follow(path, is_narrow=self.is_narrow)
+        self._outlet.driver.follow(path, self._fastest_m_s, is_narrow=self.is_narrow)
 
     def _publish(self, claim: Claim, until_m: float | None) -> None:
         """Publish the path if it has changed."""

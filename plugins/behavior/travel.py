@@ -9,7 +9,7 @@ from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, zones
+from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
 from robrain.plugins.skill.localisation import LocalisationInterface
 from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
 from robrain.plugins.skill.planner import PlannerInterface
@@ -194,7 +194,7 @@ class Travel:
         self._planner = env.use("planner", PlannerInterface)
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
-        self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put)
+        self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view)
 
     @property
     def teammate_near_m(self) -> float:
@@ -337,6 +337,12 @@ class Travel:
                 return True
             self.stop()
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
+        out = self._planner.leave_zone(self.view(), self.place()) if is_due else []
+        if out:
+            self._checked_ns = now_ns
+            leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
+            leg.drive(leg.guard(encounter, pose), IDLE)
+            return True
         pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
         if pressed_by:
             self._checked_ns = now_ns
@@ -418,7 +424,7 @@ class Travel:
     def _plan(self, encounter: Encounter, goal: Point2D, *, is_narrow: bool = False) -> list[Point2D] | None:
         start, view, teammates = self.place(), self.view(), encounter.teammates
         margin_m = encounter.radius_m + self._parameters.teammate_margin_m
-        dear = zones(teammates, encounter, margin_m) if self._is_contested() else []
+        dear = swaths(teammates, encounter, margin_m) if self._is_contested() else []
         keeps_right = self._env.clock.now_ns() < self._right_until_ns
         at_rest = circles(teammates, margin_m, Doing.IDLE)
         lasting = circles(teammates, margin_m, Doing.OBSTACLE)

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal, Protocol
 
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from robrain.agent.plugin import Skill
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
-from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Zone
-from robrain.algorithms.navigation.path_planning import standpoint
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath
+from robrain.algorithms.navigation.path_planning import distance_field, standpoint
 from robrain.algorithms.navigation.right_of_way import Track, escape_cells
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.mapper import MapCells
@@ -30,16 +32,17 @@ class PlannerInterface(Protocol):
         start: Point2D,
         goal: Point2D,
         avoid: Sequence[Circle],
-        dear: Sequence[Zone] = (),
+        dear: Sequence[Swath] = (),
         *,
         is_narrow: bool = False,
         keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand; None if there is no path.
 
-        The path avoids circles, and zones unless the detour is much longer. With `is_narrow` the path may lead through
-        places with less than the preferred clearance, down to the squeezing limit of the robot on the map. The driver
-        checks on the spot whether the robot fits.
+        From inside a keep-out zone the path first leaves it by the shortest way. The path avoids circles, and swaths
+        unless the detour is much longer. With `is_narrow` the path may lead through places with less than the preferred
+        clearance, down to the squeezing limit of the robot on the map. The driver checks on the spot whether the robot
+        fits.
         """
 
     def escape(
@@ -54,6 +57,9 @@ class PlannerInterface(Protocol):
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
+
+    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
+        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
@@ -98,14 +104,31 @@ class Planner(Skill):
         start: Point2D,
         goal: Point2D,
         avoid: Sequence[Circle],
-        dear: Sequence[Zone] = (),
+        dear: Sequence[Swath] = (),
         *,
         is_narrow: bool = False,
         keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand."""
-        grid = self._navigation(view, is_narrow=is_narrow)
-        return grid.path(start, goal, snap_m=self.parameters.snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
+        grid, out = self._navigation(view, is_narrow=is_narrow), self.leave_zone(view, start)
+        begin, snap_m = out[-1] if out else start, self.parameters.snap_m
+        path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
+        return None if path is None else out + path
+
+    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
+        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
+        if view.zones is None or view.seen is None or not view.zones.shuts(start):
+            return []
+        seen, snap_m = self._make(view, view.seen, is_narrow=True), self.parameters.snap_m
+        begin = seen.snap(start, snap_m)
+        if begin is None:
+            return []
+        costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
+        costs = np.where(self._navigation(view).traversable, costs, np.inf)
+        row, column = divmod(int(costs.argmin()), costs.shape[1])
+        if not np.isfinite(costs[row, column]):
+            return []
+        return seen.path(start, seen.geometry.center_of(row, column), snap_m=snap_m) or []
 
     def escape(
         self,
@@ -147,16 +170,18 @@ class Planner(Skill):
 
     def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
         grid, version = self._grids.get(is_narrow, (None, 0))
-        if grid is None or grid.geometry != view.geometry:
-            grid = self._check(view, is_narrow=is_narrow)
+        surcharge = None if view.zones is None else view.zones.surcharge
+        if grid is None or grid.geometry != view.geometry or grid.surcharge is not surcharge:
+            grid = self._make(view, view.classes, is_narrow=is_narrow)
         elif version != view.version:
             grid.update(view.classes)
         self._grids[is_narrow] = grid, view.version
         return grid
 
-    def _check(self, view: MapCells, *, is_narrow: bool) -> NavigationGrid:
+    def _make(self, view: MapCells, classes: NDArray[np.int8], *, is_narrow: bool) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
         preferred_m = self._radius_m + self.parameters.margin_m
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
         needed_m = least_m if is_narrow else preferred_m
-        return NavigationGrid(view.classes, view.geometry, needed_m, unknown_cost, preferred_m)
+        surcharge = None if view.zones is None else view.zones.surcharge
+        return NavigationGrid(classes, view.geometry, needed_m, unknown_cost, preferred_m, surcharge)

@@ -11,6 +11,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.messages.team.zone_messages import Zones
 from robrain.protocol.model.geometry import Point2D
 
 KEPT_BREACHES = 10
@@ -36,6 +37,8 @@ class Invariant(StrEnum):
     """Energy balances: delivered energy never falls, and charge rises at chargers only."""
     MUTUAL_WAIT = "mutual_wait"
     """No two robots wait for each other for long."""
+    ZONES = "zones"
+    """Zones are obeyed."""
 
 
 INVARIANTS = {
@@ -47,6 +50,7 @@ INVARIANTS = {
     Invariant.HALTS: "halts are obeyed",
     Invariant.ENERGY: "energy balances",
     Invariant.MUTUAL_WAIT: "no two robots are stuck",
+    Invariant.ZONES: "zones are obeyed",
 }
 """Each invariant in words."""
 
@@ -59,6 +63,7 @@ CASES = {
     Invariant.HALTS: ("halt", "halts"),
     Invariant.ENERGY: ("robot", "robots"),
     Invariant.MUTUAL_WAIT: ("robot", "robots"),
+    Invariant.ZONES: ("zone", "zones"),
 }
 """The cases of each invariant: one, several."""
 
@@ -84,6 +89,7 @@ class MissingEvidence(StrEnum):
     SUMMARIES = "summaries"
     TASKS = "tasks"
     TRUTH = "truth"
+    ZONES = "zones"
 
 
 MISSING = {
@@ -97,6 +103,7 @@ MISSING = {
     MissingEvidence.SUMMARIES: "it has no summaries of the coordinator",
     MissingEvidence.TASKS: "it has no changes of tasks",
     MissingEvidence.TRUTH: "it has no ground truth",
+    MissingEvidence.ZONES: "it has no zones",
 }
 """Each reason in words; `it` is the recording."""
 
@@ -205,6 +212,9 @@ class InvariantJudge:
 
     def handle_truth(self, truth: ArenaTruth, time_ns: int) -> None:
         """The ground truth."""
+
+    def handle_zones(self, zones: Zones, time_ns: int) -> None:
+        """The zones that hold from now on."""
 
     def lacks(self) -> MissingEvidence | None:
         """Evidence that is missing at the end of the run; None if the invariant could be judged."""

@@ -15,6 +15,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth
 from robrain.protocol.messages.team.team_messages import Halt, TeamState
+from robrain.protocol.messages.team.zone_messages import Zones
 from robrain.protocol.topic import Topic
 from robrain.recording.invariants.invariant import (
     UNKNOWN_SURROUNDINGS,
@@ -25,6 +26,7 @@ from robrain.recording.invariants.invariant import (
 )
 from robrain.recording.invariants.robot_invariants import EnergyBalance, Halts, MutualWait, NotStranded, Walls
 from robrain.recording.invariants.task_invariants import TaskAtOne, TaskKept, TaskOnce
+from robrain.recording.invariants.zone_invariants import ZonesObeyed
 
 JUDGES: tuple[type[InvariantJudge], ...] = (
     TaskKept,
@@ -35,6 +37,7 @@ JUDGES: tuple[type[InvariantJudge], ...] = (
     Halts,
     EnergyBalance,
     MutualWait,
+    ZonesObeyed,
 )
 """One for each invariant, in the order in which they are shown."""
 
@@ -62,6 +65,7 @@ class Judging:
             TeamState: [judge.handle_summary for judge in self._judges],
             Halt: [judge.handle_halt for judge in self._judges],
             ArenaTruth: [judge.handle_truth for judge in self._judges],
+            Zones: [judge.handle_zones for judge in self._judges],
         }
 
     def handle(self, message: Any, time_ns: int) -> None:

@@ -52,6 +52,7 @@ class PointMapper(AtlasSkill):
         self._angles_rad = np.linspace(-math.pi, math.pi, lidar.rays, endpoint=False)
 
     def activate(self) -> None:
+        super().activate()
         wire, robot = self.env.wire, self.env.robot
         self.env.board.map = self._atlas.grid
         self._patches = wire.publisher(ROBOT_MAP, robot=robot)
@@ -64,6 +65,7 @@ class PointMapper(AtlasSkill):
         self.env.answer(ROBOT_MAP_WHOLE, self._whole, robot=robot)
 
     def step(self) -> None:
+        super().step()
         if self.parameters.known:
             return
         for change in self._presence.changes():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.local_map import LocalPose, OwnMap
+from robrain.algorithms.mapping.zone_grid import ZoneGrid
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
 from robrain.algorithms.slam.robots_in_scan import robot_circles, sees_through, wall_ends
@@ -25,22 +26,32 @@ from robrain.plugins.skill.mapper.own_submaps import OwnSubmaps, SubmapSpec
 from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns
+from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE, Closures
+from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import UNKNOWN, GridGeometry
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import Positive
+from robrain.protocol.model.zone import Zone
 
 logger = logging.getLogger(__name__)
 
 
 class MapCells(msgspec.Struct, frozen=True, eq=False):
-    """The map at one moment: (H, W) classes of `OccupancyGrid`, row 0 at the lowest y, arena frame."""
+    """The map at one moment, for driving: keep-out zones are occupied in it.
+
+    (H, W) classes of `OccupancyGrid`, row 0 at the lowest y, arena frame.
+    """
 
     version: int
     geometry: GridGeometry
     classes: NDArray[np.int8]
+    zones: ZoneGrid | None = None
+    """The zones that the robot has to obey; None if there are none."""
+    seen: NDArray[np.int8] | None = None
+    """The classes without zones; None if there are no zones."""
 
     def is_unexplored(self, place: Point2D) -> bool:
         """Whether a place, arena frame, lies within the map's borders and has not been seen."""
@@ -88,21 +99,46 @@ SEARCH_PERIOD_S = 0.5
 """Seconds between two searches of a robot that does not know its place on the map of the team."""
 WAITING_MAX = 16
 """Number of scans that wait for the odometry and the match of their time."""
+ZONE_MESSAGES = 16
+"""Messages about zones that wait for a step at most; only the last counts."""
 NOBODY = np.empty((0, 3))
 
 
 class AtlasSkill(Skill):
-    """Gives others the map of a team's submaps."""
+    """Gives others the map of a team's submaps, with the team's zones; `step` and `activate` are to be called first."""
 
     interface = MapperInterface
     _atlas: SubmapAtlas
     _view: MapCells | None = None
+    _zones: ZoneGrid | None = None
+    _zone_changes = 0
+
+    def activate(self) -> None:
+        self._zone_list: list[Zone] = []
+        self._zone_inbox = Inbox(capacity=ZONE_MESSAGES)
+        self.env.wire.subscribe(self._zone_inbox, COORDINATOR_ZONES)
+
+    def step(self) -> None:
+        if self._zone_inbox.has_some:
+            for received in self._zone_inbox.drain():
+                self._obey([zone for zone in received.message.zones if zone.binds(self.env.robot)])
+
+    def _obey(self, zones: list[Zone]) -> None:
+        if zones != self._zone_list:
+            self._zone_list = zones
+            self._zones = ZoneGrid(zones, self._atlas.grid.geometry) if zones else None
+            self._zone_changes += 1
 
     def view(self) -> MapCells:
         """The map as it is now."""
-        grid = self._atlas.grid
-        if self._view is None or self._view.version != grid.version:
-            self._view = MapCells(grid.version, grid.geometry, grid.classes())
+        grid, zones = self._atlas.grid, self._zones
+        version = grid.version + self._zone_changes
+        if self._view is None or self._view.version != version:
+            seen = grid.classes()
+            if zones is None:
+                self._view = MapCells(version, grid.geometry, seen)
+            else:
+                self._view = MapCells(version, grid.geometry, zones.close(seen), zones, seen)
         return self._view
 
     @external
@@ -166,6 +202,7 @@ class Mapper(AtlasSkill):
         self._seen: _Seen | None = None
 
     def activate(self) -> None:
+        super().activate()
         wire, robot = self.env.wire, self.env.robot
         self.env.board.map = self._atlas.grid
         if self._own_map.local_map is not None:
@@ -183,6 +220,7 @@ class Mapper(AtlasSkill):
         self._publish_others()
 
     def step(self) -> None:
+        super().step()
         self._incoming.step()
         self._publish_move()
         self._own_map.robot_places = self._others()

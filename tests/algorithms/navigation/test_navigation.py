@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import ndimage
 
 from robrain.algorithms.navigation.clearance import least_gap_m, mapped_clearance_m
-from robrain.algorithms.navigation.navigation_grid import DEAR, NavigationGrid, Zone, clearance_m
+from robrain.algorithms.navigation.navigation_grid import DEAR, NavigationGrid, Swath, clearance_m
 from robrain.algorithms.navigation.path_planning import plan_path, standpoint
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
@@ -171,7 +171,7 @@ def test_zone_makes_exactly_the_cells_within_its_radius_dear(seed: int) -> None:
     grid = _grid(30, 40)
     positions = draw.uniform((-1.5, 0.0), (3.5, 4.0), (3, 2))
     radius_m = float(draw.uniform(0.05, 0.8))
-    dear = grid._with_zones([Zone(positions, radius_m)]) - grid.cost
+    dear = grid._with_swaths([Swath(positions, radius_m)]) - grid.cost
     for row in range(30):
         for column in range(40):
             place = grid.geometry.center_of(row, column)

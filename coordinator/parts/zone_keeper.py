@@ -1,0 +1,69 @@
+"""Keeps the team's zones, and publishes them."""
+
+from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.team.zone_messages import (
+    COORDINATOR_ZONES,
+    COORDINATOR_ZONES_CHANGE,
+    ZoneChange,
+    Zones,
+)
+from robrain.protocol.model.zone import Zone, check_zones
+from robrain.protocol.wire.endpoint import Request, Serve
+
+PERIOD_NS = to_ns(2.0)
+
+
+class ZoneKeeper(CoordinatorPart):
+    """Zones of the policy and their changes: robots, plans, exploration and admission obey them.
+
+    Args:
+        core: the team.
+
+    """
+
+    def __init__(self, core: Core) -> None:
+        super().__init__(core)
+        self._zones: dict[str, Zone] = {}
+        self._publisher = core.wire.publisher(COORDINATOR_ZONES)
+        self._due_ns: int | None = None
+        """When the zones are published next; None while there never were any."""
+        core.wire.answer(COORDINATOR_ZONES_CHANGE, self._change, serve=Serve.IN_STEP)
+        self.policy_changed(core.planning.policy)
+
+    def policy_changed(self, policy: PlanningPolicy) -> None:
+        """Take the zones of another policy."""
+        zones = {zone.name: zone for zone in policy.zones}
+        if zones != self._zones:
+            self._set(zones)
+
+    def publish(self, now_ns: int) -> None:
+        """Publish all zones, if that is due."""
+        if self._due_ns is not None and now_ns >= self._due_ns:
+            self._due_ns = now_ns + PERIOD_NS
+            self._publisher.put(self._message())
+
+    def _change(self, request: Request[ZoneChange]) -> Zones:
+        asked = request.asked
+        if unknown := [name for name in asked.remove if name not in self._zones]:
+            known = ", ".join(self._zones) or "none"
+            raise CallError(ErrorCode.REFUSED, f"there is no zone {unknown[0]}; known are {known}")
+        zones = {name: zone for name, zone in self._zones.items() if name not in asked.remove}
+        zones |= {zone.name: zone for zone in asked.put}
+        try:
+            check_zones([*zones.values()])
+            check_zones(asked.put)
+        except ValueError as error:
+            raise CallError(ErrorCode.REFUSED, str(error)) from error
+        self._set(zones)
+        return self._message()
+
+    def _message(self) -> Zones:
+        return Zones(zones=sorted(self._zones.values(), key=lambda zone: zone.name))
+
+    def _set(self, zones: dict[str, Zone]) -> None:
+        self._zones, self._due_ns = zones, 0
+        self.core.team_map.set_zones([*zones.values()])
+        self.core.assign_soon()

@@ -1,0 +1,39 @@
+"""The team's zones, and changes of them."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.errors import ErrorCode
+from robrain.protocol.messages.message import Message
+from robrain.protocol.model.ranges import Names, Text
+from robrain.protocol.model.zone import ZONES_MAX, Zone
+from robrain.protocol.topic import Delivery, Query, Topic, Urgency
+
+ZoneList = Annotated[list[Zone], Meta(max_length=ZONES_MAX)]
+
+
+class Zones(Message, frozen=True, kw_only=True):
+    """All zones of the team, by name: after a change, and every 2 s while there are any or were any."""
+
+    zones: ZoneList
+
+
+class ZoneChange(msgspec.Struct, frozen=True, kw_only=True):
+    """Zones to add, to replace or to remove."""
+
+    put: ZoneList = []
+    """New zones, and those that replace others with their names."""
+    remove: Names = []
+    """Names of zones that end."""
+    by: Text = ""
+    """Name of the requester."""
+
+
+COORDINATOR_ZONES = Topic(
+    "coordinator/zones", "Zones of the team", Zones, rate_hz=0.5, delivery=Delivery.LATEST,
+    urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=1_048_576)  # fmt: skip
+COORDINATOR_ZONES_CHANGE = Query(
+    "coordinator/zones/change", "Add, replace or remove zones; replies all zones", ZoneChange, Zones,
+    alias="coordinator_zones_change", urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip

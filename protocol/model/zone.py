@@ -1,0 +1,91 @@
+"""Zones: parts of the floor with rules for robots."""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated
+
+from msgspec import Meta
+
+from robrain.protocol.errors import BadName
+from robrain.protocol.keys import check_name
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Length, Metres, Name, Pace
+
+ZONES_MAX = 256
+Corner = tuple[Metres, Metres]
+"""x and y, arena frame."""
+
+
+class ZoneKind(StrEnum):
+    """Rule of a zone."""
+
+    KEEP_OUT = "keep_out"
+    """No robot drives there. One that stands inside leaves by the shortest way."""
+    SPEED_LIMIT = "speed_limit"
+    """Robots drive at most at `speed_m_s`."""
+    PENALTY = "penalty"
+    """Paths avoid it: a metre there counts like `cost_m` metres more."""
+
+
+FIELD_OF = {ZoneKind.SPEED_LIMIT: "speed_m_s", ZoneKind.PENALTY: "cost_m"}
+"""The field that a kind needs; no other kind has it."""
+
+
+class Zone(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A polygon of the floor with a rule for robots."""
+
+    name: Name
+    kind: ZoneKind
+    corners_m: Annotated[tuple[Corner, ...], Meta(min_length=3, max_length=64)]
+    """In order around the zone, metres, arena frame. The last is joined to the first."""
+    speed_m_s: Pace | None = None
+    """Top speed in a zone of the kind `speed_limit`."""
+    cost_m: Length | None = None
+    """Extra cost of a metre in a zone of the kind `penalty`."""
+    robots: Annotated[tuple[Name, ...], Meta(max_length=1000)] = ()
+    """Names of the robots that obey it; all if empty."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            check_name("zone", self.name)
+        except BadName as error:
+            raise ValueError(str(error)) from error
+        if self.area_m2 < AREA_MIN_M2:
+            raise ValueError(f"zone {self.name}: expected corners_m around an area, got a line")
+        for kind, field in FIELD_OF.items():
+            if (getattr(self, field) is None) == (self.kind is kind):
+                expected = f"{field} with kind = {kind.value!r}" if self.kind is kind else f"no {field}"
+                raise ValueError(f"zone {self.name}: expected {expected}")
+
+    @property
+    def area_m2(self) -> float:
+        """Area, by the shoelace formula."""
+        ends = (*self.corners_m[1:], self.corners_m[0])
+        return abs(sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in zip(self.corners_m, ends, strict=True))) / 2.0
+
+    def holds(self, place: Point2D) -> bool:
+        """Whether a place is inside: a line from it crosses the border an odd number of times."""
+        is_inside = False
+        for (x0, y0), (x1, y1) in zip(self.corners_m, (*self.corners_m[1:], self.corners_m[0]), strict=True):
+            if (y0 > place.y_m) != (y1 > place.y_m) and place.x_m < x0 + (x1 - x0) * (place.y_m - y0) / (y1 - y0):
+                is_inside = not is_inside
+        return is_inside
+
+    def binds(self, robot: str) -> bool:
+        """Whether a robot has to obey it."""
+        return not self.robots or robot in self.robots
+
+
+AREA_MIN_M2 = 1e-4
+
+
+def check_zones(zones: Sequence[Zone]) -> None:
+    """Check zones that are to hold together (ValueError)."""
+    names = [zone.name for zone in zones]
+    if len(names) > ZONES_MAX:
+        raise ValueError(f"expected at most {ZONES_MAX} zones, got {len(names)}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"expected each zone to have a name of its own, got {', '.join(twice)} twice")
