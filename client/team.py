@@ -61,10 +61,12 @@ from robrain.protocol.messages.team.standing_messages import (
     RobotRemoval,
 )
 from robrain.protocol.messages.team.team_messages import HALT, Halt, TeamState
+from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES_CHANGE, ZoneChange, ZoneList
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.zone import Zone
 
 
 class FreshIds:
@@ -329,6 +331,19 @@ class Team(RobotCalls):
     def left(self) -> ExplorationLeft | None:
         """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
+
+    def change_zones(self, *put: Zone, remove: Iterable[str] = ()) -> ZoneList:
+        """Add zones, in place of those with their names, and remove others; without arguments nothing changes.
+
+        Returns:
+            All zones of the team, by name.
+
+        Raises:
+            CallError: a name to remove is not known, or there are too many zones.
+
+        """
+        change = ZoneChange(put=[*put], remove=[*remove], by=self.by)
+        return self._requests.coordinator(COORDINATOR_ZONES_CHANGE, change).zones
 
     def lead(self, *, by: str | None = None) -> Names:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.

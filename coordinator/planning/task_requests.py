@@ -29,6 +29,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskSubmission,
 )
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
+from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import TaskReason, cancelled
@@ -193,11 +194,17 @@ class TaskRequests:
             self._clock.now_ns(),
             grid=self._map.grid,
             zones=self._map.zones,
+            seen=self._map.seen,
+            robots=[Point2D(pose.x_m, pose.y_m) for pose in self._poses()],
             plugins=self._capabilities.plugins,
             others=others,
             schemas=self._capabilities.schemas(),
             radius_m=self._least_radius_m(),
         )
+
+    def _poses(self) -> list[Pose2D]:
+        states = [robot.state for robot in self._roster.robots.values()]
+        return [state.pose for state in states if state is not None and state.pose is not None]
 
     def _least_radius_m(self) -> float:
         states = [robot.state for robot in self._roster.robots.values()]

@@ -67,6 +67,8 @@ def impossibility(
     schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
     radius_m: float = 0.0,
     zones: Sequence[Zone] = (),
+    seen: "OccupancyGrid | None" = None,
+    robots: Sequence[Point2D] = (),
 ) -> str:
     """Describe in words why a task can never be done; empty if it may be possible.
 
@@ -79,6 +81,8 @@ def impossibility(
         schemas: of the parameters of each kind of task, as robots announce them.
         radius_m: of the smallest robot; 0 if it is unknown.
         zones: those that bind all robots.
+        seen: the known map without zones.
+        robots: places of the robots, if known.
 
     """
     return (
@@ -86,7 +90,7 @@ def impossibility(
         or _deadline_refusal(task, now_ns)
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
-        or _zone_refusal(task.place, zones)
+        or _zone_refusal(task.place, zones, seen, robots, radius_m)
         or _place_refusal(task, grid, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _cycle_refusal(task, others)
@@ -211,10 +215,18 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
     return ""
 
 
-def _zone_refusal(place: Point2D, zones: Sequence[Zone]) -> str:
+def _zone_refusal(
+    place: Point2D, zones: Sequence[Zone], seen: "OccupancyGrid | None", robots: Sequence[Point2D], radius_m: float
+) -> str:
     for zone in zones:
         if zone.kind is ZoneKind.KEEP_OUT and zone.holds(place):
             return f"({place.x_m:g}, {place.y_m:g}) is in the keep-out zone {zone.name}"
+    if not zones or seen is None:
+        return ""
+    from robrain.algorithms.navigation.separation import separating_zones
+
+    if names := separating_zones(seen.classes(), seen.geometry, zones, place, robots, radius_m, NEAR_M):
+        return f"the keep-out zone {' or '.join(names)} separates ({place.x_m:g}, {place.y_m:g}) from all robots"
     return ""
 
 

@@ -1,17 +1,19 @@
-"""Marks on the map: chargers, tasks, frontiers, motes with their readings, and lidar scans."""
+"""Marks on the map: chargers, zones, tasks, frontiers, motes with their readings, and lidar scans."""
 
 import numpy as np
 import viser
 
 from robrain.dashboard.layers.layer import MeshLayer, OwnLayer
-from robrain.dashboard.scene.merged_meshes import by_color, copies
+from robrain.dashboard.scene.merged_meshes import by_color, copies, strips
 from robrain.dashboard.scene.meshes import Mesh, bolt, cube, diamond, flag, pin, tent
 from robrain.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_linear
 from robrain.dashboard.state.focus import motes_in_focus
 from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
+from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, Zones
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.recording.drawing import palette
 
 FRONTIER_SIZE_M = 0.1
@@ -81,6 +83,44 @@ def task_label(event: TaskEvent) -> str:
     who = f" {event.robot}" if event.robot and has_robot(event) else ""
     state = "lost contact" if event.state is TaskState.LOST_CONTACT else event.state.value
     return f"{event.task.kind} {state}{who}"
+
+
+class ZoneLayer(MeshLayer):
+    """Zones: their borders on the floor, with names and rules."""
+
+    name, label, period_s = "zones", "Zones", 1.0
+    topics = (COORDINATOR_ZONES,)
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("label"), 0.8, below=True)
+
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
+        super()._draw(view, now_s)
+        self._labels.show(
+            {
+                zone.name: (f"{zone.name}: {zone.rule}", (zone.centre.x_m, zone.centre.y_m, 0.0))
+                for zone in _zones_of(view)[:ZONE_LABELS]
+            }
+        )
+
+    def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
+        return by_color((ZONE_COLORS[zone.kind], strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
+
+
+ZONE_COLORS = {ZoneKind.KEEP_OUT: palette.BAD, ZoneKind.SPEED_LIMIT: palette.WARNING, ZoneKind.PENALTY: palette.CHARGER}
+ZONE_BORDER_M, ZONE_Z_M = 0.1, 0.02
+ZONE_LABELS = 50
+
+
+def border(zone: Zone) -> Rows:
+    """The sides of a zone, float32 (N, 2, 3), metres."""
+    corners = rows([(x_m, y_m, ZONE_Z_M) for x_m, y_m in zone.corners_m])
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+def _zones_of(view: ShownTeam) -> list[Zone]:
+    return next((message.zones for message in view.others.values() if isinstance(message, Zones)), [])
 
 
 class FrontierLayer(MeshLayer):

@@ -28,6 +28,7 @@ STOCK = {
     "traffic": f"{_LAYERS}.track_layers:TrafficLayer",
     "task_marks": f"{_LAYERS}.marker_layers:TaskLayer",
     "chargers": f"{_LAYERS}.marker_layers:ChargerLayer",
+    "zones": f"{_LAYERS}.marker_layers:ZoneLayer",
     "frontiers": f"{_LAYERS}.marker_layers:FrontierLayer",
     "left": f"{_LAYERS}.floor_layers:LeftLayer",
     "motes": f"{_LAYERS}.marker_layers:MoteLayer",

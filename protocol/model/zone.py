@@ -60,6 +60,19 @@ class Zone(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 raise ValueError(f"zone {self.name}: expected {expected}")
 
     @property
+    def rule(self) -> str:
+        """Its rule in words."""
+        if self.speed_m_s is not None:
+            return f"at most {self.speed_m_s:g} m/s"
+        return "keep out" if self.cost_m is None else f"avoid, +{self.cost_m:g} m for each metre"
+
+    @property
+    def centre(self) -> Point2D:
+        """The mean of its corners."""
+        xs_m, ys_m = zip(*self.corners_m, strict=True)
+        return Point2D(sum(xs_m) / len(xs_m), sum(ys_m) / len(ys_m))
+
+    @property
     def area_m2(self) -> float:
         """Area, by the shoelace formula."""
         ends = (*self.corners_m[1:], self.corners_m[0])

@@ -93,7 +93,9 @@ class ZonesObeyed(InvariantJudge):
         limit_m_s = zone.speed_m_s or 0.0
         is_inside = zone.holds(_place(now)) and zone.holds(_place(last))
         if is_inside and speed_m_s > SPEED_SLACK * limit_m_s and time_ns - self._since_ns[zone.name] > NEW_NS:
-            text = f"{now.robot} drives at {speed_m_s:.2f} m/s in the zone {zone.name}, whose limit is {limit_m_s:g} m/s"
+            text = (
+                f"{now.robot} drives at {speed_m_s:.2f} m/s in the zone {zone.name}, whose limit is {limit_m_s:g} m/s"
+            )
             values = {"robot": now.robot, "zone": zone.name, "speed_m_s": round(speed_m_s, 3)}
             self.break_(time_ns, "too_fast", text, values)
 

@@ -101,7 +101,7 @@ def truth(now_s: float, **robots: dict[str, Any]) -> ArenaTruth:
                 robot=name,
                 pose=Pose2D(x_m, y_m, 0.0),
                 collisions=values.get("collisions", 0),
-                distance_m=0.0,
+                distance_m=values.get("distance_m", 0.0),
                 energy_j=values.get("energy_j", 0.0),
             )
         )

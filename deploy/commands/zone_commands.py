@@ -1,0 +1,65 @@
+"""`robrain zone`: show and change the zones of a running team."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robrain.deploy.command_line.command_group import OPERATE
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, connect_team
+from robrain.deploy.command_line.output import print_either
+from robrain.deploy.errors import UsageError
+from robrain.protocol.keys import DEFAULT_TEAM
+from robrain.protocol.model.zone import Zone
+
+zone_app = typer.Typer(
+    rich_help_panel=OPERATE,
+    name="zone",
+    help="Show and change zones: keep-out areas, speed limits, areas to avoid.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@zone_app.command("list")
+def list_zones(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+    """List the team's zones."""
+    with connect_team(connect, team) as client:
+        zones = client.change_zones()
+    print_either(zones, [_text_of(zone) for zone in zones] or ["the team has no zones"], as_json=as_json)
+
+
+@zone_app.command()
+def put(
+    file: Annotated[Path, typer.Argument(help="TOML file with [[planning.zones]].")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Add the zones of a file; they replace zones with the same names."""
+    from robrain.deploy.processes.table_files import read_planning
+
+    zones = read_planning(file, "FILE").zones
+    if not zones:
+        raise UsageError(f"FILE {file}: expected at least one table [[planning.zones]]")
+    with connect_team(connect, team) as client:
+        known = client.change_zones(*zones)
+    print_either(known, [_text_of(zone) for zone in known], as_json=as_json)
+
+
+@zone_app.command()
+def remove(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of zones.")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Remove zones."""
+    with connect_team(connect, team) as client:
+        known = client.change_zones(remove=names)
+    print_either(known, [_text_of(zone) for zone in known] or ["the team has no zones"], as_json=as_json)
+
+
+def _text_of(zone: Zone) -> str:
+    who = f", for {', '.join(zone.robots)}" if zone.robots else ""
+    return f"{zone.name}: {zone.rule}, {zone.area_m2:.1f} m²{who}"

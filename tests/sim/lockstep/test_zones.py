@@ -1,0 +1,96 @@
+"""Robots obey zones in whole runs, as the ground truth shows."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from robrain import Scenario, Team
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain.recording.invariants.invariant import InvariantState
+from robrain.recording.invariants.judging import Judging
+from robrain.recording.invariants.zone_invariants import ZonesObeyed
+from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
+from robrain.sim.maps.drawing import FloorDrawing
+from robrain.sim.world.world import Fidelity
+
+
+def box(name: str, x0: float, y0: float, x1: float, y1: float, kind: ZoneKind, **fields: float) -> Zone:
+    return Zone(name=name, kind=kind, corners_m=((x0, y0), (x1, y0), (x1, y1), (x0, y1)), **fields)
+
+
+BEND = box("bend", 4.0, 0.0, 6.0, 4.0, ZoneKind.KEEP_OUT)
+"""Across a hall of 10 m × 6 m; 2 m stay free."""
+SLOW = box("slow", 4.0, 4.0, 6.0, 6.0, ZoneKind.SPEED_LIMIT, speed_m_s=0.2)
+HERE = box("here", 0.0, 0.0, 3.0, 3.0, ZoneKind.KEEP_OUT)
+"""The robots start in it."""
+
+
+def policy(*zones: Zone) -> PlanningPolicy:
+    return PlanningPolicy(zones=zones, exploration=NO_EXPLORATION)
+
+
+@contextmanager
+def hall(fidelity: Fidelity, planning: PlanningPolicy, robots: int) -> Iterator[tuple[LockstepRun, Judging]]:
+    scenario = Scenario(
+        name="hall",
+        floor=FloorDrawing(size_m=(10.0, 6.0)),
+        robots=robots,
+        near=Point2D(1.5, 1.5),
+        idle=True,
+        fidelity=fidelity,
+    )
+    run = LockstepRun(scenario.world(), planning=planning)
+    judging = Judging(judges=(ZonesObeyed,))
+    run.follow(judging.receive)
+    try:
+        yield run, judging
+    finally:
+        run.close()
+
+
+def places(run: LockstepRun) -> list[Point2D]:
+    return [Point2D(body.x_m, body.y_m) for body in run.arena.bodies]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fidelity", list(Fidelity))
+def test_robots_drive_round_a_keep_out_zone_and_slowly_through_one_with_a_limit(fidelity: Fidelity) -> None:
+    with hall(fidelity, PlanningPolicy(), 1) as (run, judging):
+        client, longest_m, before = Team(LockstepTransport(run), by="test"), 0.0, places(run)
+        client.run_for(25.0, until=lambda: run.nothing_left)
+        run.coordinator.set_policy(policy(BEND, SLOW))
+        client.run_for(1.0)
+        tasks = [client.submit("visit", place=place) for place in ((8.5, 1.0), (1.5, 1.0))]
+        while any(not client.get(task).state.ended for task in tasks):
+            assert run.sim_time_s < 90.0
+            client.run_for(run.tick_s)
+            now = places(run)
+            for place, last in zip(now, before, strict=True):
+                if SLOW.holds(place) and SLOW.holds(last):
+                    longest_m = max(longest_m, place.distance_m(last))
+            before = now
+        [ruling] = judging.finish()
+        assert [client.get(task).why for task in tasks if client.get(task).state is not TaskState.DONE] == []
+    assert (ruling.state, ruling.breaches) == (InvariantState.KEPT, [])
+    assert 0.1 < longest_m / run.tick_s <= 1.05 * 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fidelity", list(Fidelity))
+def test_idle_robots_leave_a_new_keep_out_zone_by_the_shortest_way(fidelity: Fidelity) -> None:
+    with hall(fidelity, policy(), 2) as (run, judging):
+        while run.sim_time_s < 5.0:
+            run.tick()
+        assert all(HERE.holds(place) for place in places(run))
+        run.coordinator.set_policy(policy(HERE))
+        while any(HERE.holds(place) for place in places(run)):
+            run.tick()
+            assert run.sim_time_s < 25.0
+        [ruling] = judging.finish()
+        assert (ruling.state, ruling.breaches) == (InvariantState.KEPT, [])
+        assert run.arena.collisions == 0
