@@ -17,6 +17,7 @@ import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec.structs import astuple, replace
@@ -54,6 +55,7 @@ from robrain.protocol.messages.team.standing_messages import (
 )
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.zone import Zone
 
 logger = logging.getLogger(__name__)
 
@@ -234,17 +236,33 @@ class Journal:
     @property
     def robots(self) -> dict[str, KnownRobot]:
         """The robots of the team, as last received; empty if unreadable."""
-        text = self._db.execute("SELECT robots FROM standing").fetchone()[0]
+        return self._standing("robots", KnownRobot)
+
+    @property
+    def zone_changes(self) -> dict[str, Zone | None]:
+        """Zones that were added, replaced or removed (None) while the team ran, by name; empty if unreadable."""
+        return self._standing("zones", Zone | None)
+
+    def record_zones(self, changes: Mapping[str, Zone | None]) -> None:
+        """Store the changes of zones in place of earlier ones (JournalUnwritable)."""
+        with self._transaction(durable=True):
+            self._put_standing("zones", changes)
+        if self.on_written is not None:
+            self.on_written(JournalEntry(seq=0, zones=dict(changes)))
+
+    def _standing(self, column: str, kind: Any) -> dict[str, Any]:
+        text = self._db.execute(f"SELECT {column} FROM standing").fetchone()[0]
         try:
-            return msgspec.json.decode(upgraded_json(str(text).encode()), type=dict[str, KnownRobot])
+            found: dict[str, Any] = msgspec.json.decode(upgraded_json(str(text).encode()), type=dict[str, kind])
         except msgspec.MsgspecError as error:
-            logger.warning("%s: the robots of the team cannot be read: %s", self.path, error)
+            logger.warning("%s: the %s of the team cannot be read: %s", self.path, column, error)
             return {}
+        return found
 
     def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
         with self._transaction():
-            self._put_robots(robots)
+            self._put_standing("robots", robots)
         if self.on_written is not None:
             self.on_written(JournalEntry(seq=0, robots=dict(robots)))
 
@@ -392,7 +410,7 @@ class Journal:
             )
         ]
         page = JournalPage(term=term, seq=seq, tasks=tasks, epoch_ceiling=self._epoch_ceiling)
-        return page if tasks else replace(page, alarms=self.alarms(), robots=self.robots)
+        return page if tasks else replace(page, alarms=self.alarms(), robots=self.robots, zones=self.zone_changes)
 
     def begin_copy(self) -> None:
         """Remove everything but the epochs: a copy of another journal replaces it, page by page.
@@ -408,7 +426,7 @@ class Journal:
             self.opening_report.append(put_aside(self._db, self.path))
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET name = '', robots = '{}'")
+            self._db.execute("UPDATE standing SET name = '', robots = '{}', zones = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 
@@ -420,7 +438,8 @@ class Journal:
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (page.epoch_ceiling,))
             if not page.tasks:
                 self._put_alarms(page.alarms)
-                self._put_robots(page.robots)
+                self._put_standing("robots", page.robots)
+                self._put_standing("zones", page.zones)
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
@@ -448,8 +467,8 @@ class Journal:
     def _put_alarms(self, alarms: Iterable[JournalAlarm]) -> None:
         self._db.executemany(PUT_ALARM, map(astuple, alarms))
 
-    def _put_robots(self, robots: Mapping[str, KnownRobot]) -> None:
-        self._db.execute("UPDATE standing SET robots = ?", (msgspec.json.encode(robots).decode(),))
+    def _put_standing(self, column: str, values: Mapping[str, Any]) -> None:
+        self._db.execute(f"UPDATE standing SET {column} = ?", (msgspec.json.encode(values).decode(),))
 
     def _put_entry(self, entry: JournalEntry) -> None:
         """Write the changes of another journal's entry. An entry that is there already changes nothing."""
@@ -459,7 +478,9 @@ class Journal:
             self._db.execute("DELETE FROM alarm")
         self._put_alarms(entry.alarms)
         if entry.robots is not None:
-            self._put_robots(entry.robots)
+            self._put_standing("robots", entry.robots)
+        if entry.zones is not None:
+            self._put_standing("zones", entry.zones)
         if entry.epoch_ceiling:
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (entry.epoch_ceiling,))
 

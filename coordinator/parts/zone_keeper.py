@@ -1,6 +1,7 @@
 """Keeps the team's zones, and publishes them."""
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
+from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
@@ -27,6 +28,8 @@ class ZoneKeeper(CoordinatorPart):
     def __init__(self, core: Core) -> None:
         super().__init__(core)
         self._zones: dict[str, Zone] = {}
+        self._changes = core.tasks.journal.zone_changes
+        """Zones that were added, replaced or removed (None) while the team ran."""
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
@@ -35,9 +38,10 @@ class ZoneKeeper(CoordinatorPart):
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
-        zones = {zone.name: zone for zone in policy.zones}
-        if zones != self._zones:
-            self._set(zones)
+        zones = {zone.name: zone for zone in policy.zones} | self._changes
+        kept = {name: zone for name, zone in zones.items() if zone is not None}
+        if kept != self._zones:
+            self._set(kept)
 
     def publish(self, now_ns: int) -> None:
         """Publish all zones, if that is due."""
@@ -50,14 +54,18 @@ class ZoneKeeper(CoordinatorPart):
         if unknown := [name for name in asked.remove if name not in self._zones]:
             known = ", ".join(self._zones) or "none"
             raise CallError(ErrorCode.REFUSED, f"there is no zone {unknown[0]}; known are {known}")
-        zones = {name: zone for name, zone in self._zones.items() if name not in asked.remove}
-        zones |= {zone.name: zone for zone in asked.put}
+        changes = dict.fromkeys(asked.remove) | {zone.name: zone for zone in asked.put}
+        zones = {name: zone for name, zone in (self._zones | changes).items() if zone is not None}
         try:
             check_zones([*zones.values()])
             check_zones(asked.put)
-        except ValueError as error:
+            if changes:
+                self.core.tasks.journal.record_zones(self._changes | changes)
+        except (ValueError, JournalUnwritable) as error:
             raise CallError(ErrorCode.REFUSED, str(error)) from error
-        self._set(zones)
+        if changes:
+            self._changes |= changes
+            self._set(zones)
         return self._message()
 
     def _message(self) -> Zones:

@@ -16,6 +16,7 @@ from robrain.protocol.messages.robots.witness_messages import Lead, Led
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
+from robrain.protocol.model.zone import Zone
 from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 ENTRIES_MAX = 64
@@ -61,6 +62,8 @@ class KnownRobot(msgspec.Struct, frozen=True):
     """Its `task` is empty while the robot is there: then the tasks of the journal are decisive."""
 
 
+ZoneChanges = Annotated[dict[Name, Zone | None], Meta(max_length=10_000)]
+"""Zones that were added, replaced or removed (null) while the team ran, by name."""
 KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
 
 
@@ -77,6 +80,8 @@ class JournalEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     """Whether all other alarms are removed."""
     robots: KnownRobots | None = None
     """The robots of the team, if one came, went or was removed; and every minute."""
+    zones: ZoneChanges | None = None
+    """Changes of zones, if there was another."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out; 0 if it has not changed."""
 
@@ -157,6 +162,8 @@ class JournalPage(msgspec.Struct, frozen=True, kw_only=True):
     """With the last page."""
     robots: KnownRobots = {}
     """The robots of the team, with the last page."""
+    zones: ZoneChanges = {}
+    """With the last page."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out."""
 

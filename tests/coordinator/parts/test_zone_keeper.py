@@ -1,7 +1,10 @@
 """The coordinator keeps the team's zones, and refuses tasks that they make impossible."""
 
+from contextlib import closing
+
 import pytest
 
+from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -47,6 +50,26 @@ def test_zones_are_added_replaced_and_removed(team):
     with pytest.raises(CallError, match="got middle twice"):
         change(team, MIDDLE, MIDDLE)
     assert change(team) == [MIDDLE]
+
+
+def test_changes_of_zones_survive_a_restart_and_a_copy_of_the_journal(team, tmp_path):
+    path, planning = tmp_path / "journal.db", PlanningPolicy(zones=(CORNER, box("file", 0.0, 0.0, 1.0, 1.0)))
+    with closing(Journal(path)) as journal:
+        team.begin(journal, planning)
+        change(team, MIDDLE, remove=["corner"])
+        copy = Journal(None)
+        copy.begin_copy()
+        copy.put_page(journal.page(0, 10, term=1, seq=1))
+        assert copy.zone_changes == {"corner": None, "middle": MIDDLE}
+        changes = []
+        journal.on_written = changes.append
+        change(team, CORNER)
+        copy.follow(changes)
+        assert copy.zone_changes == {"corner": CORNER, "middle": MIDDLE}
+        change(team, remove=["corner"])
+    with closing(Journal(path)) as journal:
+        team.begin(journal, planning)
+        assert [zone.name for zone in change(team)] == ["file", "middle"]
 
 
 def test_zones_are_published_after_a_change_and_every_two_seconds(team):

@@ -26,6 +26,7 @@ def box(name: str, x0: float, y0: float, x1: float, y1: float, kind: ZoneKind, *
 BEND = box("bend", 4.0, 0.0, 6.0, 4.0, ZoneKind.KEEP_OUT)
 """Across a hall of 10 m × 6 m; 2 m stay free."""
 SLOW = box("slow", 4.0, 4.0, 6.0, 6.0, ZoneKind.SPEED_LIMIT, speed_m_s=0.2)
+STRIP = box("strip", 7.0, 0.0, 8.0, 6.0, ZoneKind.SPEED_LIMIT, speed_m_s=0.1)
 HERE = box("here", 0.0, 0.0, 3.0, 3.0, ZoneKind.KEEP_OUT)
 """The robots start in it."""
 
@@ -63,11 +64,11 @@ def test_robots_drive_round_a_keep_out_zone_and_slowly_through_one_with_a_limit(
     with hall(fidelity, PlanningPolicy(), 1) as (run, judging):
         client, longest_m, before = Team(LockstepTransport(run), by="test"), 0.0, places(run)
         client.run_for(25.0, until=lambda: run.nothing_left)
-        run.coordinator.set_policy(policy(BEND, SLOW))
+        run.coordinator.set_policy(policy(BEND, SLOW, STRIP))
         client.run_for(1.0)
-        tasks = [client.submit("visit", place=place) for place in ((8.5, 1.0), (1.5, 1.0))]
+        tasks = [client.submit("visit", place=place) for place in ((9.5, 3.0), (1.5, 1.0), (9.5, 4.0))]
         while any(not client.get(task).state.ended for task in tasks):
-            assert run.sim_time_s < 90.0
+            assert run.sim_time_s < 200.0
             client.run_for(run.tick_s)
             now = places(run)
             for place, last in zip(now, before, strict=True):
