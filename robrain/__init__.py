@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from robrain.protocol.model.tasks.objective import Objective
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
+    from robrain.protocol.model.zone import Zone, ZoneKind
     from robrain.recording.export.recording import Recording, load
     from robrain.recording.reader.two_runs import TwoRuns, compare_runs
     from robrain.sim.errors import ScenarioError
@@ -130,6 +131,8 @@ __all__ = [
     "Wall",
     "WireError",
     "Work",
+    "Zone",
+    "ZoneKind",
     "compare_runs",
     "external",
     "fork",
@@ -171,6 +174,7 @@ _NAMES = {
     "robrain.protocol.model.energy_model": ("Work",),
     "robrain.protocol.model.tasks.stock_kinds": ("TaskParameters",),
     "robrain.protocol.model.tasks.task": ("Task", "TaskState"),
+    "robrain.protocol.model.zone": ("Zone", "ZoneKind"),
     "robrain.protocol.errors": ("BadName", "CallError", "ErrorCode", "NobodyThere", "RobrainError", "WireError"),
     "robrain.protocol.messages.motes.mote_messages": ("MoteReading",),
     "robrain.protocol.messages.tasks.offer_messages": ("TaskEvent",),
