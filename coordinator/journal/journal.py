@@ -44,6 +44,7 @@ from robrain.coordinator.journal.schema import (
     is_locked,
     last_change_of,
     migrate,
+    read_standing,
 )
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
 from robrain.protocol.messages.team.standing_messages import (
@@ -153,8 +154,7 @@ class Journal:
         """
         with self._transaction():
             written = self._write(record)
-        if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, task=self._row_of(written, asked=False)))
+        self._report(JournalEntry(seq=0, task=self._row_of(written, asked=False)))
         self._ends += record.state.ended
         if self._ends >= PRUNE_EVERY:
             self._ends = 0
@@ -171,10 +171,7 @@ class Journal:
             JournalUnwritable: it is as it was.
 
         """
-        with self._transaction():
-            self._put_alarms([alarm])
-        if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, alarms=[alarm]))
+        self._record(JournalEntry(seq=0, alarms=[alarm]))
 
     def keep_alarms(self, alarms: Iterable[JournalAlarm]) -> None:
         """Keep these, and no others.
@@ -183,12 +180,7 @@ class Journal:
             JournalUnwritable: they are as they were.
 
         """
-        kept = list(alarms)
-        with self._transaction():
-            self._db.execute("DELETE FROM alarm")
-            self._put_alarms(kept)
-        if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, alarms=kept, only_alarms=True))
+        self._record(JournalEntry(seq=0, alarms=list(alarms), only_alarms=True))
 
     def new_epoch(self, at_least: int = 0) -> int:
         """An epoch that was never given out before, greater than all others of this journal.
@@ -206,8 +198,7 @@ class Journal:
             with self._transaction(durable=True):
                 self._db.execute("UPDATE epoch SET ceiling = ?", (ceiling,))
             self._epoch_ceiling = ceiling
-            if self.on_written is not None:
-                self.on_written(JournalEntry(seq=0, epoch_ceiling=ceiling))
+            self._report(JournalEntry(seq=0, epoch_ceiling=ceiling))
         self._epoch = epoch
         return epoch
 
@@ -236,35 +227,20 @@ class Journal:
     @property
     def robots(self) -> dict[str, KnownRobot]:
         """The robots of the team, as last received; empty if unreadable."""
-        return self._standing("robots", KnownRobot)
+        return read_standing(self._db, self.path, "robots", KnownRobot)
 
     @property
     def zone_changes(self) -> dict[str, Zone | None]:
         """Zones that were added, replaced or removed (None) while the team ran, by name; empty if unreadable."""
-        return self._standing("zones", Zone | None)
+        return read_standing(self._db, self.path, "zones", Zone | None)
 
     def record_zones(self, changes: Mapping[str, Zone | None]) -> None:
         """Store the changes of zones in place of earlier ones (JournalUnwritable)."""
-        with self._transaction(durable=True):
-            self._put_standing("zones", changes)
-        if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, zones=dict(changes)))
-
-    def _standing(self, column: str, kind: Any) -> dict[str, Any]:
-        text = self._db.execute(f"SELECT {column} FROM standing").fetchone()[0]
-        try:
-            found: dict[str, Any] = msgspec.json.decode(upgraded_json(str(text).encode()), type=dict[str, kind])
-        except msgspec.MsgspecError as error:
-            logger.warning("%s: the %s of the team cannot be read: %s", self.path, column, error)
-            return {}
-        return found
+        self._record(JournalEntry(seq=0, zones=dict(changes)), durable=True)
 
     def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
-        with self._transaction():
-            self._put_standing("robots", robots)
-        if self.on_written is not None:
-            self.on_written(JournalEntry(seq=0, robots=dict(robots)))
+        self._record(JournalEntry(seq=0, robots=dict(robots)))
 
     def when_on_disk(self, on_synced: Callable[[JournalUnwritable | None], None]) -> None:
         """Call `on_synced` once all changes up to now are on the disk, or with the reason why they may not be.
@@ -466,6 +442,16 @@ class Journal:
 
     def _put_alarms(self, alarms: Iterable[JournalAlarm]) -> None:
         self._db.executemany(PUT_ALARM, map(astuple, alarms))
+
+    def _record(self, entry: JournalEntry, *, durable: bool = False) -> None:
+        """Write an entry, and report it."""
+        with self._transaction(durable=durable):
+            self._put_entry(entry)
+        self._report(entry)
+
+    def _report(self, entry: JournalEntry) -> None:
+        if self.on_written is not None:
+            self.on_written(entry)
 
     def _put_standing(self, column: str, values: Mapping[str, Any]) -> None:
         self._db.execute(f"UPDATE standing SET {column} = ?", (msgspec.json.encode(values).decode(),))

@@ -4,13 +4,18 @@
 one manner only. Each migration is one transaction, so all or nothing.
 """
 
+import logging
 import sqlite3
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from robrain.coordinator.journal.errors import JournalError
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
+from robrain.protocol.model.tasks.old_form import upgraded_json
+
+logger = logging.getLogger(__name__)
 
 APPLICATION_ID = 0x726F6272
 """`robr` in ASCII: by this a file is known to be a journal (https://sqlite.org/fileformat.html#application_id)."""
@@ -135,6 +140,17 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
                 connection.execute("ROLLBACK")
             raise
     return int(version)
+
+
+def read_standing(connection: sqlite3.Connection, path: Path | None, column: str, kind: Any) -> dict[str, Any]:
+    """Values by name in a column of the table `standing`; empty if unreadable."""
+    (text,) = connection.execute(f"SELECT {column} FROM standing").fetchone()
+    try:
+        found: dict[str, Any] = msgspec.json.decode(upgraded_json(str(text).encode()), type=dict[str, kind])
+    except msgspec.MsgspecError as error:
+        logger.warning("%s: the %s of the team cannot be read: %s", path, column, error)
+        return {}
+    return found
 
 
 def is_locked(error: sqlite3.DatabaseError) -> bool:

@@ -1,5 +1,7 @@
 """Keeps the team's zones, and publishes them."""
 
+import msgspec
+
 from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.policy import PlanningPolicy
@@ -38,7 +40,7 @@ class ZoneKeeper(CoordinatorPart):
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
-        zones = {zone.name: zone for zone in policy.zones} | self._changes
+        zones = {zone.name: _plain(zone) for zone in policy.zones} | self._changes
         kept = {name: zone for name, zone in zones.items() if zone is not None}
         if kept != self._zones:
             self._set(kept)
@@ -75,3 +77,8 @@ class ZoneKeeper(CoordinatorPart):
         self._zones, self._due_ns = zones, 0
         self.core.team_map.set_zones([*zones.values()])
         self.core.assign_soon()
+
+
+def _plain(zone: Zone) -> Zone:
+    """A zone of a file as messages have it."""
+    return Zone(**msgspec.structs.asdict(zone))

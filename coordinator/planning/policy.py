@@ -13,7 +13,7 @@ from robrain.coordinator.planning.plan_passes import PASSES, STOCK_PASSES
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import NotNegative, NotNegativeInt, Positive, PositiveInt, Text
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.zone import Zone, check_zones
+from robrain.protocol.model.zone import ZoneTable, check_zones
 from robrain.protocol.registry import IN_FILE, UnknownEntry, absolute_name
 
 NEAREST: Final = "nearest"
@@ -118,7 +118,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     mote_field: MoteFieldPolicy = MoteFieldPolicy()
     """Actions of the coordinator on its own initiative that keep a field of motes alive: collect, stand in, relay,
     duties in turn."""
-    zones: tuple[Zone, ...] = ()
+    zones: tuple[ZoneTable, ...] = ()
     """Parts of the floor with rules for robots when the coordinator starts."""
 
     def __post_init__(self) -> None:

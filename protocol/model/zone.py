@@ -32,7 +32,7 @@ FIELD_OF = {ZoneKind.SPEED_LIMIT: "speed_m_s", ZoneKind.PENALTY: "cost_m"}
 """The field that a kind needs; no other kind has it."""
 
 
-class Zone(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Zone(Checked, frozen=True, kw_only=True):
     """A polygon of the floor with a rule for robots."""
 
     name: Name
@@ -89,6 +89,10 @@ class Zone(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def binds(self, robot: str) -> bool:
         """Whether a robot has to obey it."""
         return not self.robots or robot in self.robots
+
+
+class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[[planning.zones]]`: a zone in a file."""
 
 
 AREA_MIN_M2 = 1e-4

@@ -80,7 +80,8 @@ class ZonesObeyed(InvariantJudge):
         where = {"robot": now.robot, "zone": zone.name}
         if key in self._reported:
             return
-        if entered_ns == time_ns and time_ns - since_ns > NEW_NS and not zone.holds(_place(last)):
+        is_new = time_ns - since_ns <= NEW_NS
+        if entered_ns == time_ns and not is_new and not self._is_leaving(last):
             self._reported.add(key)
             self.break_(time_ns, "entered", f"{now.robot} enters the keep-out zone {zone.name}", where)
         elif time_ns - entered_ns > LEFT_NS:
@@ -88,6 +89,11 @@ class ZonesObeyed(InvariantJudge):
             for_s = round(to_seconds(time_ns - entered_ns), 1)
             text = f"{now.robot} has not left the keep-out zone {zone.name} for {for_s:g} s"
             self.break_(time_ns, "not_left", text, {**where, "for_s": for_s})
+
+    def _is_leaving(self, last: RobotTruth) -> bool:
+        """Whether the robot was in a keep-out zone, perhaps another one, from which the way out leads through this."""
+        shut = (zone for zone in self._zones.values() if zone.kind is ZoneKind.KEEP_OUT and zone.binds(last.robot))
+        return any(zone.holds(_place(last)) for zone in shut)
 
     def _judge_speed(self, now: RobotTruth, last: RobotTruth, zone: Zone, speed_m_s: float, time_ns: int) -> None:
         limit_m_s = zone.speed_m_s or 0.0

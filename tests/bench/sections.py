@@ -37,8 +37,13 @@ SECTIONS = {
     "traffic": Section(
         "Traffic",
         "`robrain bench traffic` with points, seed 1. LaCAM* (Okumura 2023) plans on the same floors for robots on a "
-        "grid of 0.5 m without margins and delays. Each time that one of them reaches a place it plans again.",
+        "grid of 0.57 m without margins and delays. Each time that one of them reaches a place it plans again.",
         "tests.bench.traffic:measure",
+    ),
+    "zones": Section(
+        "Zones",
+        "Random zones on six floors with 1 to 8 robots as points, which explore and get tasks. Zones change twice.",
+        "tests.bench.zones:measure",
     ),
     "motion": Section(
         "Motion on CAN",

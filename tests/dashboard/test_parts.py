@@ -8,6 +8,7 @@ from robrain.dashboard.state import parts
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.border.border import Received
 from robrain.protocol.messages.team.arena_messages import ARENA_OUTSIDE
+from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES
 from robrain.protocol.registry import Registry
 
 
@@ -40,7 +41,7 @@ def test_parts_of_others_come_last_and_one_that_cannot_be_imported_is_skipped(
 ) -> None:
     assert [tab.title for tab in parts.parts_of(Tab)] == ["Team", "Robot", "Tasks", "View", "Gas"]
     assert "dashboard part broken" in caplog.text
-    assert parts.topics_of_parts() == [ARENA_OUTSIDE]
+    assert parts.topics_of_parts() == [COORDINATOR_ZONES, ARENA_OUTSIDE]
 
 
 def test_last_message_of_a_topic_that_only_a_part_reads_is_kept() -> None:

@@ -18,6 +18,7 @@ class Zones(Message, frozen=True, kw_only=True):
     """All zones of the team, by name: after a change, and every 2 s while there are any or were any."""
 
     zones: ZoneList
+    """All of them."""
 
 
 class ZoneChange(msgspec.Struct, frozen=True, kw_only=True):

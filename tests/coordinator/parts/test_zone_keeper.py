@@ -2,6 +2,7 @@
 
 from contextlib import closing
 
+import msgspec
 import pytest
 
 from robrain.coordinator.journal.journal import Journal
@@ -12,7 +13,7 @@ from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmi
 from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, COORDINATOR_ZONES_CHANGE, ZoneChange, Zones
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind
+from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind, ZoneTable
 
 
 def box(name, x0, y0, x1, y1, kind=ZoneKind.KEEP_OUT, **fields):
@@ -21,6 +22,11 @@ def box(name, x0, y0, x1, y1, kind=ZoneKind.KEEP_OUT, **fields):
 
 CORNER = box("corner", 3.0, 3.0, 4.5, 4.5)
 MIDDLE = box("middle", 6.0, 0.0, 7.0, 20.0)
+FILE = box("file", 0.0, 0.0, 1.0, 1.0)
+
+
+def table(zone):
+    return ZoneTable(**msgspec.structs.asdict(zone))
 
 
 def change(team, *put, remove=()):
@@ -38,7 +44,7 @@ def task(x_m, y_m):
 
 
 def test_zones_are_added_replaced_and_removed(team):
-    team.begin(None, PlanningPolicy(zones=(CORNER,)))
+    team.begin(None, PlanningPolicy(zones=(table(CORNER),)))
     assert change(team) == [CORNER]
     other = box("corner", 3.0, 3.0, 5.0, 5.0)
     assert change(team, other, MIDDLE) == [other, MIDDLE]
@@ -53,7 +59,7 @@ def test_zones_are_added_replaced_and_removed(team):
 
 
 def test_changes_of_zones_survive_a_restart_and_a_copy_of_the_journal(team, tmp_path):
-    path, planning = tmp_path / "journal.db", PlanningPolicy(zones=(CORNER, box("file", 0.0, 0.0, 1.0, 1.0)))
+    path, planning = tmp_path / "journal.db", PlanningPolicy(zones=(table(CORNER), table(FILE)))
     with closing(Journal(path)) as journal:
         team.begin(journal, planning)
         change(team, MIDDLE, remove=["corner"])

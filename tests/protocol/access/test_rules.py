@@ -40,6 +40,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "coordinator_backup": {OP},
     "coordinator_lead": {OP},
     "coordinator_remove_robot": {OP},
+    "coordinator_zones_change": {OP},
     "replay_control": {OP},
     "host_load": {OP},
     "host_unload": {OP},

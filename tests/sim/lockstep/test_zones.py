@@ -10,7 +10,7 @@ from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain.protocol.model.zone import ZoneKind, ZoneTable
 from robrain.recording.invariants.invariant import InvariantState
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.zone_invariants import ZonesObeyed
@@ -19,8 +19,8 @@ from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.world.world import Fidelity
 
 
-def box(name: str, x0: float, y0: float, x1: float, y1: float, kind: ZoneKind, **fields: float) -> Zone:
-    return Zone(name=name, kind=kind, corners_m=((x0, y0), (x1, y0), (x1, y1), (x0, y1)), **fields)
+def box(name: str, x0: float, y0: float, x1: float, y1: float, kind: ZoneKind, **fields: float) -> ZoneTable:
+    return ZoneTable(name=name, kind=kind, corners_m=((x0, y0), (x1, y0), (x1, y1), (x0, y1)), **fields)
 
 
 BEND = box("bend", 4.0, 0.0, 6.0, 4.0, ZoneKind.KEEP_OUT)
@@ -31,7 +31,7 @@ HERE = box("here", 0.0, 0.0, 3.0, 3.0, ZoneKind.KEEP_OUT)
 """The robots start in it."""
 
 
-def policy(*zones: Zone) -> PlanningPolicy:
+def policy(*zones: ZoneTable) -> PlanningPolicy:
     return PlanningPolicy(zones=zones, exploration=NO_EXPLORATION)
 
 

@@ -1,0 +1,129 @@
+"""Random zones that change while a team explores and does tasks: entries, speeds, robots in new zones, refusals.
+
+`python -m tests.bench.zones 200` prints the figures of that many sets.
+"""
+
+import math
+import sys
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from robrain import CallError, Scenario, Team
+from robrain.algorithms.warm_up import warm_up
+from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.lab.bench.figure import Figure, at_least, at_most, deterministic
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain.recording.invariants.judging import Judging
+from robrain.recording.invariants.zone_invariants import ZonesObeyed
+from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
+from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.world.world import Fidelity, World
+
+FLOORS = ("arena_small", "cave", "depot", "hospital", "office", "warehouse")
+SETS = 24
+ROBOTS_MAX = 8
+BEGIN_S, CHANGE_S, END_S = 2.0, 15.0, 40.0
+"""First zones, others, and the end of a run."""
+SIZE_M = (0.6, 2.5)
+LIMITS_M_S = (0.15, 0.3)
+TASKS = 3
+"""Beside one in each keep-out zone."""
+
+
+def _zone(rng: np.random.Generator, name: str, centre: Point2D, kind: ZoneKind) -> Zone:
+    corners, radius_m, turn_rad = int(rng.integers(3, 8)), float(rng.uniform(*SIZE_M)), float(rng.uniform(0.0, 6.28))
+    angles_rad = [turn_rad + 2.0 * math.pi * number / corners for number in range(corners)]
+    return Zone(
+        name=name,
+        kind=kind,
+        corners_m=tuple(
+            (centre.x_m + radius_m * math.cos(angle), centre.y_m + radius_m * math.sin(angle)) for angle in angles_rad
+        ),
+        speed_m_s=float(rng.choice(LIMITS_M_S)) if kind is ZoneKind.SPEED_LIMIT else None,
+        cost_m=5.0 if kind is ZoneKind.PENALTY else None,
+    )
+
+
+def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
+    cells = np.argwhere(plan.clearance_m > 0.4)
+    row, column = cells[int(rng.integers(len(cells)))].tolist()
+    return plan.centre_of(row, column)
+
+
+def _zones(rng: np.random.Generator, world: World, prefix: str) -> list[Zone]:
+    kinds = [*ZoneKind, ZoneKind.KEEP_OUT]
+    return [_zone(rng, f"{prefix}{kind}{number}", _place(rng, world.plan), kind) for number, kind in enumerate(kinds)]
+
+
+def run_set(number: int) -> Counter[str]:
+    """Make one run; counts breaches by their codes, robots in new zones, and refusals."""
+    rng = np.random.default_rng([number, 42])
+    robots = 1 + int(rng.integers(ROBOTS_MAX))
+    scenario = Scenario.builtin(FLOORS[number % len(FLOORS)]).replace(
+        robots=robots, seed=number, fidelity=Fidelity.POINTS
+    )
+    world = scenario.world()
+    run = LockstepRun(world, planning=PlanningPolicy())
+    judging = Judging(judges=(ZonesObeyed,))
+    run.follow(judging.receive)
+    found = Counter[str]()
+    try:
+        team = Team(LockstepTransport(run), by="bench")
+        team.run_for(BEGIN_S)
+        zones = _zones(rng, world, "a-")
+        team.change_zones(*zones)
+        team.run_for(CHANGE_S - BEGIN_S)
+        body = run.arena.bodies[int(rng.integers(robots))]
+        others = [*_zones(rng, world, "b-"), _zone(rng, "here", Point2D(body.x_m, body.y_m), ZoneKind.KEEP_OUT)]
+        zones = team.change_zones(*others, remove=[zone.name for zone in zones[:2]])
+        shut = [zone for zone in zones if zone.kind is ZoneKind.KEEP_OUT]
+        inside = {
+            index
+            for index, each in enumerate(run.arena.bodies)
+            if any(zone.holds(Point2D(each.x_m, each.y_m)) for zone in shut)
+        }
+        found["inside"] += len(inside)
+        for place in [*(zone.centre for zone in shut), *(_place(rng, world.plan) for _ in range(TASKS))]:
+            names = [zone.name for zone in shut if zone.holds(place)]
+            try:
+                team.submit("visit", place=place)
+                found["accepted in a zone"] += bool(names)
+            except CallError as error:
+                found["refused"] += any(zone.name in str(error) for zone in shut)
+        team.run_for(END_S - CHANGE_S)
+        for index in inside:
+            place = Point2D(run.arena.bodies[index].x_m, run.arena.bodies[index].y_m)
+            found["left"] += not any(zone.holds(place) for zone in shut)
+        [ruling] = judging.finish()
+        found.update(breach.finding["code"] for breach in ruling.breaches)
+        found["collisions"] += run.arena.collisions
+    finally:
+        run.close()
+    return found
+
+
+def figures(sets: int) -> Iterator[Figure]:
+    """Figures of this many random sets of zones."""
+    warm_up()
+    found = sum((run_set(number) for number in range(sets)), Counter[str]())
+    yield deterministic(f"{sets} sets: entries into keep-out zones", found["entered"], "", at_most(0))
+    yield deterministic(f"{sets} sets: speeds above a limit by more than 5 %", found["too_fast"], "", at_most(0))
+    share = 100.0 * found["left"] / max(1, found["inside"])
+    beside = f"{found['inside']} robots"
+    yield deterministic(f"{sets} sets: robots in new zones that left within 25 s", share, "%", at_least(100), beside)
+    yield deterministic(f"{sets} sets: tasks accepted in keep-out zones", found["accepted in a zone"], "", at_most(0))
+    yield deterministic(f"{sets} sets: tasks refused with the zone's name", found["refused"])
+    yield deterministic(f"{sets} sets: collisions", found["collisions"], "", at_most(0))
+
+
+def measure() -> Iterator[Figure]:
+    """Figures of the section."""
+    return figures(SETS)
+
+
+if __name__ == "__main__":
+    for figure in figures(int(sys.argv[1])):
+        sys.stdout.write(f"{figure.name}: {figure.value:g} {figure.unit} {figure.beside}\n")
