@@ -254,19 +254,22 @@ class NavigationGrid:
         if cells is None:
             return None
         corners = shorten_path(cells, traversable & (cost < 1.0 + DISCOMFORT / 4))
-        if keeps_right and len(corners) > 1:
-            aside_cells = RIGHT_M / self.geometry.resolution_m
-            return self._points(_keep_right(corners.astype(np.float64), kernel_array(traversable, BOOL), aside_cells))
-        return self.waypoints(corners, traversable)
+        return self.waypoints(corners, traversable, keeps_right=keeps_right)
 
-    def waypoints(self, cells: NDArray[np.int32], traversable: NDArray[np.bool_] | None = None) -> list[Point2D]:
-        """Cells (N, 2) as points in metres: without the first, corners rounded where the mask has room for it."""
+    def waypoints(
+        self, cells: NDArray[np.int32], traversable: NDArray[np.bool_] | None = None, *, keeps_right: bool = False
+    ) -> list[Point2D]:
+        """Cells (N, 2) as points in metres: without the first, corners rounded where the mask has room for it.
+
+        With `keeps_right` they are moved to the right instead.
+        """
         if cells.shape[0] < 2:
             return [self.geometry.center_of(int(row), int(column)) for row, column in cells]
         mask = kernel_array(self.traversable if traversable is None else traversable, BOOL)
-        rounded = round_corners(cells, mask)
-        _centre(rounded, self._classes == OCCUPIED, mask, CENTRED_M / self.geometry.resolution_m)
-        return self._points(rounded)
+        path = cells.astype(np.float64) if keeps_right else round_corners(cells, mask)
+        centred_m = RIGHT_M if keeps_right else CENTRED_M
+        _centre(path, self._classes == OCCUPIED, mask, centred_m / self.geometry.resolution_m)
+        return self._points(_keep_right(path, mask, RIGHT_M / self.geometry.resolution_m) if keeps_right else path)
 
     def _points(self, path: Floats) -> list[Point2D]:
         """A path (N, 2; row, column) as points in metres, without the first."""
@@ -403,6 +406,8 @@ def _keep_right(corners: Floats, traversable: NDArray[np.bool_], aside_cells: fl
             row = path[k, 0] - (room + 0.5) * d_column / length
             column = path[k, 1] + (room + 0.5) * d_row / length
             if not is_chord_clear(traversable, path[k, 0], path[k, 1], row, column):
+                if room < 0.5 * aside_cells:  # too narrow to pass: there the middle is better
+                    moved[k] = path[k]
                 break
             moved[k] = row, column
             room += 0.5
