@@ -24,6 +24,7 @@ APART = {
     "deploy/supervision/guard.py": "it is the script of a separate process",
     "plugins/device/ros2/scan_reader.py": "it needs numpy; errors are to name ROS, which is imported first",
     "recording/invariants/robot_invariants.py": "`judging.py` has the judges of robots and of tasks",
+    "recording/invariants/zone_invariants.py": "likewise",
 }
 """Files that are not in their importer, with the reason."""
 

@@ -44,7 +44,7 @@ from robrain.coordinator.journal.schema import (
     is_locked,
     last_change_of,
     migrate,
-    read_standing,
+    read_json,
 )
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskFilter, TaskRecord
 from robrain.protocol.messages.team.standing_messages import (
@@ -227,12 +227,12 @@ class Journal:
     @property
     def robots(self) -> dict[str, KnownRobot]:
         """The robots of the team, as last received; empty if unreadable."""
-        return read_standing(self._db, self.path, "robots", KnownRobot)
+        return read_json(self._db, self.path, "robots", KnownRobot)
 
     @property
     def zone_changes(self) -> dict[str, Zone | None]:
         """Zones that were added, replaced or removed (None) while the team ran, by name; empty if unreadable."""
-        return read_standing(self._db, self.path, "zones", Zone | None)
+        return read_json(self._db, self.path, "zones", Zone | None)
 
     def record_zones(self, changes: Mapping[str, Zone | None]) -> None:
         """Store the changes of zones in place of earlier ones (JournalUnwritable)."""
@@ -414,8 +414,8 @@ class Journal:
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (page.epoch_ceiling,))
             if not page.tasks:
                 self._put_alarms(page.alarms)
-                self._put_standing("robots", page.robots)
-                self._put_standing("zones", page.zones)
+                self._put_json("robots", page.robots)
+                self._put_json("zones", page.zones)
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
@@ -453,7 +453,7 @@ class Journal:
         if self.on_written is not None:
             self.on_written(entry)
 
-    def _put_standing(self, column: str, values: Mapping[str, Any]) -> None:
+    def _put_json(self, column: str, values: Mapping[str, Any]) -> None:
         self._db.execute(f"UPDATE standing SET {column} = ?", (msgspec.json.encode(values).decode(),))
 
     def _put_entry(self, entry: JournalEntry) -> None:
@@ -464,9 +464,9 @@ class Journal:
             self._db.execute("DELETE FROM alarm")
         self._put_alarms(entry.alarms)
         if entry.robots is not None:
-            self._put_standing("robots", entry.robots)
+            self._put_json("robots", entry.robots)
         if entry.zones is not None:
-            self._put_standing("zones", entry.zones)
+            self._put_json("zones", entry.zones)
         if entry.epoch_ceiling:
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (entry.epoch_ceiling,))
 

@@ -142,7 +142,7 @@ def migrate(connection: sqlite3.Connection, path: Path | None, migrations: tuple
     return int(version)
 
 
-def read_standing(connection: sqlite3.Connection, path: Path | None, column: str, kind: Any) -> dict[str, Any]:
+def read_json(connection: sqlite3.Connection, path: Path | None, column: str, kind: Any) -> dict[str, Any]:
     """Values by name in a column of the table `standing`; empty if unreadable."""
     (text,) = connection.execute(f"SELECT {column} FROM standing").fetchone()
     try:

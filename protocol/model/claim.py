@@ -24,16 +24,16 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Decides a robot's right of way.
 
     A robot that set out earlier, or is nearer to its goal, goes first, and at its goal a new travel begins. So each
-    robot has the highest priority at some time, as in PIBT (Okumura et al., *Priority Inheritance with Backtracking
-    for Iterative Multi-agent Path Finding*, Artificial Intelligence 310, 2022).
+    robot has the highest priority at some time. This is as in PIBT (Okumura et al., *Priority Inheritance with
+    Backtracking for Iterative Multi-agent Path Finding*, Artificial Intelligence 310, 2022).
     """
 
     cornered: Degree = 0
     """Above 0 if the robot has no place to yield to: one more than the robots that press it. The last to be cornered
     goes first, because the others may have found a refuge by now."""
     order_s: Quantity = IDLE_S
-    """Time at which its travel began, by its own clock, and `LEFT_WEIGHT` times the time that it still needs, less
-    `PRIORITY_S` for each degree of its task's priority. The lesser goes first."""
+    """Time at which its travel began, by its own clock, plus `LEFT_WEIGHT` times the time that it still needs. Each
+    degree of its task's priority takes `PRIORITY_S` off. The lesser goes first."""
     lent_by: Name = ""
     """The owner of the claim: a robot to which this robot yields, or behind which it drives. Others yield in turn, and
     robots in a line meet others as one. Empty if the claim is the robot's own."""

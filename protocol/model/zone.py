@@ -6,8 +6,6 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.protocol.errors import BadName
-from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Length, Metres, Name, Pace
@@ -48,10 +46,6 @@ class Zone(Checked, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            check_name("zone", self.name)
-        except BadName as error:
-            raise ValueError(str(error)) from error
         if self.area_m2 < AREA_MIN_M2:
             raise ValueError(f"zone {self.name}: expected corners_m around an area, got a line")
         for kind, field in FIELD_OF.items():
