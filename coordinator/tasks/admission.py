@@ -80,7 +80,7 @@ def impossibility(
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
         radius_m: of the smallest robot; 0 if it is unknown.
-        zones: those that bind all robots.
+        zones: zones for all robots.
         seen: the known map without zones.
         robots: places of the robots, if known.
 

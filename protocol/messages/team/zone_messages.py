@@ -25,7 +25,7 @@ class ZoneChange(msgspec.Struct, frozen=True, kw_only=True):
     """Zones to add, to replace or to remove."""
 
     put: ZoneList = []
-    """New zones, and those that replace others with their names."""
+    """New zones; each replaces the zone with its name, if there is one."""
     remove: Names = []
     """Names of zones that end."""
     by: Text = ""
