@@ -16,6 +16,7 @@ from robrain.coordinator.team.roster import Roster
 from robrain.deploy.recordings.surroundings import surroundings_of
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice
 from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.recording.invariants.invariant import Invariant, InvariantState, Ruling
 from robrain.recording.invariants.judging import Judging
 from robrain.sim.firmware import motor_controller
@@ -26,6 +27,7 @@ from robrain.sim.world.chargers import ChargerSpec
 pytestmark = pytest.mark.slow
 
 SMALL = Scenario.builtin("arena_small").replace(motes=0)
+CORNER = Zone(name="corner", kind=ZoneKind.KEEP_OUT, corners_m=((8.0, 0.3), (8.7, 0.3), (8.7, 0.9)))
 WITH_CHARGER = SMALL.replace(chargers=(ChargerSpec(place_m=(0.6, 5.4)),))
 
 
@@ -34,6 +36,7 @@ def judged(script: Callable[[Team], object], scenario: Scenario = SMALL) -> dict
     judging = Judging(surroundings_of(scenario))
     with scenario.team(seed=3) as team:
         team.transport.run.follow(judging.receive)  # type: ignore[attr-defined]
+        team.change_zones(CORNER)
         script(team)
     return {ruling.invariant: ruling for ruling in judging.finish()}
 

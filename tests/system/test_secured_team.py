@@ -38,6 +38,7 @@ MEMBERS = (
     "router site", "coordinator hq", "operator ann", "viewer vic", "arena sim", "recorder rec", "robot r1",
     "dashboard hall",
 )  # fmt: skip
+ZONES = '[[planning.zones]]\nname = "dock"\nkind = "keep_out"\ncorners_m = [[2, 2], [3, 2], [3, 3]]\n'
 VISIT = "task add visit --at 16,6.3"
 ALLOWED = {
     "status": (0, "r1"),
@@ -65,6 +66,9 @@ ALLOWED = {
     "task objective makespan": (0, "makespan"),
     "task charges": (0, "no robot charges"),
     "journal backup": (0, "blue.journal.backups"),
+    "zone list": (0, "the team has no zones"),
+    "zone put zones.toml": (0, "dock: keep out"),
+    "zone remove dock": (0, "the team has no zones"),
     "top --once": (0, "coordinator"),
     "doctor": (0, "the certificate of operator:blue:ann"),
 }
@@ -94,6 +98,7 @@ REFUSED = {
     "task cancel v1": (2, "viewer:vic may not ask task_cancel"),
     "task objective makespan": (2, "viewer:vic may not ask coordinator_objective"),
     "journal backup": (2, "viewer:vic may not ask coordinator_backup"),
+    "zone remove dock": (2, "viewer:vic may not ask coordinator_zones_change"),
 }
 
 
@@ -213,6 +218,7 @@ class BlueTeam:
         coordinator = self.start("coordinator hq", "coordinator")
         self.recorder = self.start("recorder rec", "record", "--output", "run.mcap")
         self.parts = [arena, coordinator]
+        (folder / "zones.toml").write_text(ZONES)
         Commands.line_with(arena, "robots r1")
         robot_file = folder / "robots" / "r1.toml"
         robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')

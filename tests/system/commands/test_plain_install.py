@@ -77,6 +77,8 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench motes", [], "sim,team"),
     ("bench mapping", [], "sim,team"),
     ("lead", [], WORKS),
+    ("zone list", [], WORKS),
+    ("zone put", ["zones.toml"], "navigation"),
     ("machine-files", ["machine"], WORKS),
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),
@@ -93,6 +95,7 @@ LACKING = [
     ("pki show", [], "pki/members.json: no such file; .*"),
     ("router", [], "give the router's folder: .*"),
     ("remove", ["r1"], "r1 is not removed: it is there"),
+    ("zone remove", ["hall"], "there is no zone hall; known are none"),
 ]
 """Commands that need something that is not there, and what they say of it."""
 WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}

@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.protocol.table.topics import all_topics, topic_of
 from robrain.protocol.wire.session import open_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
@@ -21,6 +22,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.system
 
 LATER_S = 40.0
+SQUARE = ((4.0, 2.0), (5.0, 2.0), (5.0, 3.0), (4.0, 3.0))
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     run = LockstepRun(scenario.world(), record=path, listen="tcp/127.0.0.1:0")
     with Team(LockstepTransport(run), by="script") as team:
+        team.change_zones(Zone(name="slow", kind=ZoneKind.SPEED_LIMIT, corners_m=SQUARE, speed_m_s=0.2))
         team.run_for(6.0)
         team.submit("inspect", id="picture", place=(4.2, 3.0), priority=50.0, parameters={"look_at": (7.5, 5.0)})
         team.submit("visit", id="first", place=(1.0, 1.0), priority=5.0, deadline_s=100.0)
