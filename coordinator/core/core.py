@@ -1,9 +1,12 @@
 """The core that the parts of a coordinator share (team, tasks, plans), and the base class of the parts."""
 
+import logging
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar, TypeVar
+
+import msgspec
 
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
@@ -32,6 +35,10 @@ from robrain.protocol.reasons import IdleReason, OfferRefusal, TaskReason
 from robrain.protocol.registry import Registry
 from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+
+logger = logging.getLogger(__name__)
+
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 class CoordinatorPart:
@@ -100,6 +107,21 @@ class CoordinatorPart:
 
     def close(self) -> None:
         """The coordinator ends."""
+
+    # -- what it stores --------------------------------------------------------------------------------------
+
+    def stored(self, kind: type[S]) -> S:
+        """The state that this part has stored in the journal; a new one if there is none, or it cannot be read."""
+        name = type(self).__name__
+        try:
+            return msgspec.convert(self.core.tasks.journal.part_states.get(name, {}), kind)
+        except msgspec.ValidationError as error:
+            logger.warning("the state of %s in the journal cannot be read: %s", name, error)
+            return kind()
+
+    def store(self, state: msgspec.Struct) -> None:
+        """Store this part's state in the journal, in place of its last one (JournalUnwritable)."""
+        self.core.tasks.journal.record_part_state(type(self).__name__, state)
 
     # -- questions ------------------------------------------------------------------------------------------
 

@@ -56,7 +56,6 @@ from robrain.protocol.messages.team.standing_messages import (
 )
 from robrain.protocol.model.tasks.old_form import upgraded_json
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.model.zone import Zone
 
 logger = logging.getLogger(__name__)
 
@@ -230,13 +229,13 @@ class Journal:
         return read_json(self._db, self.path, "robots", KnownRobot)
 
     @property
-    def zone_changes(self) -> dict[str, Zone | None]:
-        """Zones that were added, replaced or removed (None) while the team ran, by name; empty if unreadable."""
-        return read_json(self._db, self.path, "zones", Zone | None)
+    def part_states(self) -> dict[str, dict[str, Any]]:
+        """What parts of the coordinator have stored, by the part's name, as JSON objects; empty if unreadable."""
+        return read_json(self._db, self.path, "parts", dict[str, Any])
 
-    def record_zones(self, changes: Mapping[str, Zone | None]) -> None:
-        """Store the changes of zones in place of earlier ones (JournalUnwritable)."""
-        self._record(JournalEntry(seq=0, zones=dict(changes)), durable=True)
+    def record_part_state(self, part: str, state: msgspec.Struct) -> None:
+        """Store the state of a part of the coordinator in place of its last one (JournalUnwritable)."""
+        self._record(JournalEntry(seq=0, parts={part: msgspec.to_builtins(state)}), durable=True)
 
     def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""
@@ -386,7 +385,7 @@ class Journal:
             )
         ]
         page = JournalPage(term=term, seq=seq, tasks=tasks, epoch_ceiling=self._epoch_ceiling)
-        return page if tasks else replace(page, alarms=self.alarms(), robots=self.robots, zones=self.zone_changes)
+        return page if tasks else replace(page, alarms=self.alarms(), robots=self.robots, parts=self.part_states)
 
     def begin_copy(self) -> None:
         """Remove everything but the epochs: a copy of another journal replaces it, page by page.
@@ -402,7 +401,7 @@ class Journal:
             self.opening_report.append(put_aside(self._db, self.path))
         with self._transaction(durable=True):
             self._db.execute("UPDATE copy SET state = 'partial'")
-            self._db.execute("UPDATE standing SET name = '', robots = '{}', zones = '{}'")
+            self._db.execute("UPDATE standing SET name = '', robots = '{}', parts = '{}'")
             for table in ("task", "change", "alarm"):
                 self._db.execute(f"DELETE FROM {table}")
 
@@ -415,7 +414,7 @@ class Journal:
             if not page.tasks:
                 self._put_alarms(page.alarms)
                 self._put_json("robots", page.robots)
-                self._put_json("zones", page.zones)
+                self._put_json("parts", page.parts)
                 self._db.execute("UPDATE copy SET state = 'whole'")
 
     def follow(self, entries: Iterable[JournalEntry]) -> None:
@@ -465,8 +464,8 @@ class Journal:
         self._put_alarms(entry.alarms)
         if entry.robots is not None:
             self._put_json("robots", entry.robots)
-        if entry.zones is not None:
-            self._put_json("zones", entry.zones)
+        if entry.parts:
+            self._put_json("parts", self.part_states | entry.parts)
         if entry.epoch_ceiling:
             self._db.execute("UPDATE epoch SET ceiling = max(ceiling, ?)", (entry.epoch_ceiling,))
 

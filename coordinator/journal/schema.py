@@ -103,8 +103,8 @@ MIGRATIONS: tuple[str, ...] = (
     """,
     # 10: only elected coordinators have copies, and the witnesses know which are complete.
     "ALTER TABLE standing DROP COLUMN copied_by;",
-    # 11: changes of zones while the team ran, by name, as JSON: the zone, or null for one that was removed.
-    "ALTER TABLE standing ADD COLUMN zones TEXT NOT NULL DEFAULT '{}';",
+    # 11: what each part of the coordinator stores, by the part's name, as JSON.
+    "ALTER TABLE standing ADD COLUMN parts TEXT NOT NULL DEFAULT '{}';",
 )
 
 VERSION = len(MIGRATIONS)

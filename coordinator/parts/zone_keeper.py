@@ -19,6 +19,13 @@ from robrain.protocol.wire.endpoint import Request, Serve
 PERIOD_NS = to_ns(2.0)
 
 
+class ZoneChanges(msgspec.Struct, frozen=True):
+    """Changes of zones while the team ran."""
+
+    zones: dict[str, Zone | None] = {}
+    """Zones that were added, replaced or removed (None), by name."""
+
+
 class ZoneKeeper(CoordinatorPart):
     """Zones of the policy and their changes: robots, plans, exploration and admission obey them.
 
@@ -30,8 +37,7 @@ class ZoneKeeper(CoordinatorPart):
     def __init__(self, core: Core) -> None:
         super().__init__(core)
         self._zones: dict[str, Zone] = {}
-        self._changes = core.tasks.journal.zone_changes
-        """Zones that were added, replaced or removed (None) while the team ran."""
+        self._changes = self.stored(ZoneChanges).zones
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
@@ -62,7 +68,7 @@ class ZoneKeeper(CoordinatorPart):
             check_zones([*zones.values()])
             check_zones(asked.put)
             if changes:
-                self.core.tasks.journal.record_zones(self._changes | changes)
+                self.store(ZoneChanges(zones=self._changes | changes))
         except (ValueError, JournalUnwritable) as error:
             raise CallError(ErrorCode.REFUSED, str(error)) from error
         if changes:

@@ -16,7 +16,7 @@ from robrain.protocol.messages.robots.witness_messages import Lead, Led
 from robrain.protocol.messages.tasks.task_messages import TaskChange, TaskRecord
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.ranges import Count, Epoch, Name, Names, Stamp, Text
-from robrain.protocol.model.zone import Zone
+from robrain.protocol.model.tasks.task import Parameters
 from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
 ENTRIES_MAX = 64
@@ -62,8 +62,8 @@ class KnownRobot(msgspec.Struct, frozen=True):
     """Its `task` is empty while the robot is there: then the tasks of the journal are decisive."""
 
 
-ZoneChanges = Annotated[dict[Name, Zone | None], Meta(max_length=10_000)]
-"""Zones that were added, replaced or removed (null) while the team ran, by name."""
+PartStates = Annotated[dict[Name, Parameters], Meta(max_length=100)]
+"""What parts of the coordinator have stored, by the part's name, as JSON objects."""
 KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
 
 
@@ -80,8 +80,8 @@ class JournalEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     """Whether all other alarms are removed."""
     robots: KnownRobots | None = None
     """The robots of the team, if one came, went or was removed; and every minute."""
-    zones: ZoneChanges | None = None
-    """Changes of zones, if there was another."""
+    parts: PartStates = {}
+    """States that parts of the coordinator have stored."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out; 0 if it has not changed."""
 
@@ -162,7 +162,7 @@ class JournalPage(msgspec.Struct, frozen=True, kw_only=True):
     """With the last page."""
     robots: KnownRobots = {}
     """The robots of the team, with the last page."""
-    zones: ZoneChanges = {}
+    parts: PartStates = {}
     """With the last page."""
     epoch_ceiling: Epoch = 0
     """No greater epoch has been given out."""
