@@ -1,7 +1,7 @@
 """Tasks from a kind and its fields; each mistake is one sentence."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, TypedDict
 
@@ -29,13 +29,13 @@ class TaskFields(TypedDict, total=False):
     Parameters of the kind, named as in the messages, such as `{"look_at": (5, 1)}`, are in `parameters`.
     """
 
-    place: Annotated[Point2D | Sequence[float] | None, "Place: X,Y in metres, arena frame."]
+    place: Annotated[Point2D | Sequence[float] | str | None, "Place: X,Y in metres, arena frame; or a zone's name."]
     id: Annotated[str | None, "Name; the same task again is not repeated."]
     priority: Annotated[float | None, "Reward for doing it; 1 if not given."]
     deadline_s: Annotated[float | None, "Time limit, seconds from acceptance."]
     earliest_s: Annotated[float | None, "Earliest start, seconds from acceptance."]
     service_s: Annotated[float | None, "Duration at its place, seconds."]
-    needs: Annotated[Sequence[str], "A plugin that the robot must have; may be repeated."]
+    needs: Annotated[Sequence[str], "A plugin that the robot must have, or the robot's name; may be repeated."]
     after: Annotated[Sequence[TaskName], "A task that must be done before; may be repeated."]
     robots: Annotated[int | None, "Number of robots at the same time; 1 if not given."]
     parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
@@ -52,8 +52,17 @@ AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
 """Scripts and task files use the field names of the messages."""
 
 
+def any_place(_name: str) -> Point2D:
+    """For checks before the team is contacted: any name is accepted."""
+    return Point2D(0.0, 0.0)
+
+
 def submission_of(
-    kind: str, fields: Mapping[str, Any], where: str = "", typed: Mapping[str, str] = AS_ON_THE_WIRE
+    kind: str,
+    fields: Mapping[str, Any],
+    where: str = "",
+    typed: Mapping[str, str] = AS_ON_THE_WIRE,
+    place_of: Callable[[str], Point2D] = any_place,
 ) -> TaskSubmission:
     """Build a task request from a kind and its fields, named as in the messages.
 
@@ -64,6 +73,7 @@ def submission_of(
             point may be two numbers.
         where: file and number of the task, for the error message.
         typed: command-line form of fields that are not typed by their name.
+        place_of: returns the point of a name.
 
     Raises:
         BadTask: names the invalid field.
@@ -78,6 +88,8 @@ def submission_of(
             raise BadTask(f"{where}a task to {kind} has no {typed.get(name, name)}; it has {', '.join(known_as)}")
     for name in POINTS:
         at = content.get(name)
+        if isinstance(at, str):
+            content[name] = place_of(at)
         if isinstance(at, list | tuple):
             if len(at) != 2:
                 raise BadTask(f"{where}expected {name} as two numbers, x and y in metres; got {at!r}")
@@ -99,7 +111,9 @@ def submission_of(
     return submission
 
 
-def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields) -> TaskSubmission:
+def asked_task(
+    task: str | Task, by: str, new_id: str, fields: TaskFields, place_of: Callable[[str], Point2D]
+) -> TaskSubmission:
     """Build the request of `Team.submit` and `Team.dry_run` from their arguments.
 
     Args:
@@ -107,6 +121,7 @@ def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields) -> Ta
         by: name of the client.
         new_id: id of the task if the fields have none.
         fields: the arguments; those that are None or empty are not given.
+        place_of: returns the point of a name.
 
     Raises:
         BadTask: a field is missing, invalid or given twice, or a whole task has further fields than times.
@@ -128,7 +143,7 @@ def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields) -> Ta
         raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
     if "after" in given:
         given["after"] = [id_of(one) for one in given["after"]]
-    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **parameters}), by=by)
+    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **parameters}, place_of=place_of), by=by)
 
 
 def id_of(task: TaskName) -> str:

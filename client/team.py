@@ -13,7 +13,7 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Self, Unpack, overload
 
 import msgspec
@@ -22,7 +22,7 @@ from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.submission import TaskFields, TaskName, asked_task, id_of
+from robrain.client.submission import BadTask, TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -54,6 +54,12 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskRequest,
     TaskSubmission,
 )
+from robrain.protocol.messages.team.service_messages import (
+    COORDINATOR_HOLD_ROBOT,
+    COORDINATOR_RELEASE_ROBOT,
+    ServiceHold,
+    ServiceRelease,
+)
 from robrain.protocol.messages.team.standing_messages import (
     COORDINATOR_LEAD,
     COORDINATOR_REMOVE_ROBOT,
@@ -61,7 +67,13 @@ from robrain.protocol.messages.team.standing_messages import (
     RobotRemoval,
 )
 from robrain.protocol.messages.team.team_messages import HALT, Halt, TeamState
-from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES_CHANGE, ZoneChange, ZoneList
+from robrain.protocol.messages.team.zone_messages import (
+    COORDINATOR_ZONES_CHANGE,
+    COORDINATOR_ZONES_NOW,
+    ZoneChange,
+    ZoneList,
+)
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
@@ -214,12 +226,12 @@ class Team(RobotCalls):
         Fields of a task:
 
         - `id`: the task's name; None for a new one, such as `visit-3`.
-        - `place`: x and y, metres, arena frame.
+        - `place`: x and y, metres, arena frame; or the name of a zone, for its centre.
         - `priority`: reward for doing it; the default is 1.
         - `earliest_s`: earliest start, seconds from its acceptance.
         - `deadline_s`: latest end, seconds from its acceptance.
         - `service_s`: expected time at its place.
-        - `needs`: plugins that a robot must have for it.
+        - `needs`: plugins that a robot must have for it; the name of a robot means that robot.
         - `after`: tasks that must be done before.
         - `robots`: number of robots that must work on it at the same time; the default is 1.
         - `parameters`: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
@@ -234,7 +246,7 @@ class Team(RobotCalls):
             NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
-        asked = asked_task(task, self.by, f"{task}", fields)
+        asked = asked_task(task, self.by, f"{task}", fields, self._place)
         if fields.get("id") is not None or not isinstance(task, str):
             return self._requests.submit(asked)
 
@@ -258,8 +270,17 @@ class Team(RobotCalls):
             NobodyThere: no coordinator answers.
 
         """
-        asked = asked_task(task, self.by, f"{task}-dry-run", fields)
+        asked = asked_task(task, self.by, f"{task}-dry-run", fields, self._place)
         return self._requests.coordinator(TASK_DRY_RUN, asked)
+
+    def _place(self, name: str) -> Point2D:
+        """The centre of the zone of a name (BadTask if there is none)."""
+        zones = self.zones()
+        for zone in zones:
+            if zone.name == name:
+                return zone.centre
+        known = ", ".join(zone.name for zone in zones) or "none"
+        raise BadTask(f"there is no place or zone {name}; known are {known}")
 
     def cancel(self, task: TaskName, why: str = "") -> TaskRecord:
         """Cancel a task; its robot stops it. Without a coordinator, robots are asked as by `submit`.
@@ -332,8 +353,12 @@ class Team(RobotCalls):
         """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
 
+    def zones(self) -> ZoneList:
+        """All zones and named places of the team, by name."""
+        return self._requests.coordinator(COORDINATOR_ZONES_NOW, None).zones
+
     def change_zones(self, *put: Zone, remove: Iterable[str] = ()) -> ZoneList:
-        """Add zones, in place of those with their names, and remove others; without arguments nothing changes.
+        """Add zones, in place of those with their names, and remove others.
 
         Returns:
             All zones of the team, by name.
@@ -344,6 +369,40 @@ class Team(RobotCalls):
         """
         change = ZoneChange(put=[*put], remove=[*remove], by=self.by)
         return self._requests.coordinator(COORDINATOR_ZONES_CHANGE, change).zones
+
+    def hold_robot(
+        self,
+        robot: str,
+        reason: str = "",
+        *,
+        gives_back: bool = False,
+        place: Point2D | Sequence[float] | str | None = None,
+        retires: bool = False,
+    ) -> None:
+        """Take a robot out of service until `release_robot`: it gets no tasks.
+
+        Args:
+            robot: its name.
+            reason: why, for people.
+            gives_back: whether it gives its task back at once, for other robots; otherwise it finishes the task.
+            place: where it drives then, as for a task; None if it stays.
+            retires: whether the team forgets the robot once it has left the network.
+
+        Raises:
+            CallError: no such robot is known.
+            BadTask: no such place is known.
+
+        """
+        if isinstance(place, str):
+            place = self._place(place)
+        elif place is not None and not isinstance(place, Point2D):
+            place = Point2D(*place)
+        hold = ServiceHold(robot=robot, reason=reason, gives_back=gives_back, place=place, retires=retires, by=self.by)
+        self._requests.coordinator(COORDINATOR_HOLD_ROBOT, hold)
+
+    def release_robot(self, robot: str) -> None:
+        """Put a robot back into service (CallError if it is in service)."""
+        self._requests.coordinator(COORDINATOR_RELEASE_ROBOT, ServiceRelease(robot=robot, by=self.by))
 
     def lead(self, *, by: str | None = None) -> Names:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.

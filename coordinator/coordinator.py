@@ -16,6 +16,7 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.backups import Backups
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
+from robrain.coordinator.parts.robot_service import RobotService
 from robrain.coordinator.parts.zone_keeper import ZoneKeeper
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.rule import Rule
@@ -154,7 +155,7 @@ class Coordinator:
             return
         core.assign_due_ns = now_ns + ASSIGN_PERIOD_NS
         there = [] if self.halts.is_halted else self.roster.up(now_ns)
-        robots = [robot for robot in there if robot.state is not None and not robot.state.halted]
+        robots = [robot for robot in there if robot.state and not robot.state.halted and not robot.out_of_service]
         if stage("offers", False, core.executor.step, core.idle(robots), now_ns, is_halted=self.halts.is_halted):
             core.assign_soon()
         with self.lifecycle.as_far_as_written(now_ns):
@@ -207,6 +208,7 @@ def stock_parts(rules: Sequence[Rule] = (), elected: Elected | None = None) -> l
         MoteMembers,
         FieldKeeper,
         ZoneKeeper,
+        RobotService,
         Charging,
         Exploration,
         Backups,

@@ -29,6 +29,8 @@ class ZoneGrid:
         """Extra cost of a metre."""
         self._fastest_m_s = np.full(geometry.shape, np.inf)
         for zone in zones:
+            if zone.kind is ZoneKind.PLACE:
+                continue
             inside = cells_in(zone, geometry)
             if zone.kind is ZoneKind.KEEP_OUT:
                 self.is_shut |= inside

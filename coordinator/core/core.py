@@ -90,7 +90,7 @@ class CoordinatorPart:
         """Give robots tasks of the coordinator's own, after the plan's: every 0.5 s, and after changes.
 
         Args:
-            robots: those that are up and not halted.
+            robots: those that are up, in service and not halted.
             now_ns: the time.
 
         """

@@ -230,7 +230,7 @@ class Journal:
 
     @property
     def part_states(self) -> dict[str, dict[str, Any]]:
-        """What parts of the coordinator have stored, by the part's name, as JSON objects; empty if unreadable."""
+        """States that parts of the coordinator have stored, by part, as JSON objects; empty if unreadable."""
         return read_json(self._db, self.path, "parts", dict[str, Any])
 
     def record_part_state(self, part: str, state: msgspec.Struct) -> None:

@@ -10,6 +10,7 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES,
     COORDINATOR_ZONES_CHANGE,
+    COORDINATOR_ZONES_NOW,
     ZoneChange,
     Zones,
 )
@@ -41,6 +42,7 @@ class ZoneKeeper(CoordinatorPart):
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
+        core.wire.answer(COORDINATOR_ZONES_NOW, lambda _: self._message(), serve=Serve.IN_STEP)
         core.wire.answer(COORDINATOR_ZONES_CHANGE, self._change, serve=Serve.IN_STEP)
         self.policy_changed(core.planning.policy)
 

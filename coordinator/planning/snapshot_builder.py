@@ -177,7 +177,7 @@ def exclusion(robot: Robot, at: TaskRecord | None, now_ns: int) -> RobotReason |
         now_ns: the time.
 
     """
-    if (unavailable := robot.down_reason(now_ns)) is not None:
+    if (unavailable := robot.down_reason(now_ns) or robot.out_of_service) is not None:
         return unavailable
     state = robot.state
     if state is None or state.pose is None:

@@ -312,7 +312,7 @@ class Eligibility:
         """Why a task is not offered to a robot; None if it may be."""
         if missing := self.lacks(record, robot):
             return lacks_plugins(missing)
-        if (out := robot.down_reason(now_ns)) is not None:
+        if (out := robot.down_reason(now_ns) or robot.out_of_service) is not None:
             return out
         if robot.state is not None and robot.state.halted:
             return halted()

@@ -34,7 +34,7 @@ class Capabilities:
 
     def __init__(self, wire: Endpoint) -> None:
         self.plugins: dict[str, frozenset[str] | None] = {}
-        """Offers of each robot that ever came: names of plugins, kinds of tasks; None until it has reported them."""
+        """Each robot that ever came: its name, plugins and kinds of tasks; None until it has reported them."""
         self.kinds: dict[str, dict[str, TaskKind]] = {}
         """The kinds of tasks that each robot announces."""
         self.version = 0
@@ -72,7 +72,7 @@ class Capabilities:
             self._waiting.discard(received.names["robot"])
             name, infos = received.names["robot"], received.message
             kinds = {info.task_kind.kind: info.task_kind for info in infos if info.task_kind is not None}
-            plugins = frozenset((*(info.name for info in infos), *kinds))
+            plugins = frozenset((name, *(info.name for info in infos), *kinds))
             if self.plugins.get(name) != plugins or self.kinds.get(name) != kinds:
                 has_changed = True
                 self.plugins[name], self.kinds[name] = plugins, kinds

@@ -15,7 +15,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotSt
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons import Gone, IdleReason, NoState, TopicStale, Unavailable, plain, sentence_of
+from robrain.protocol.reasons import Gone, IdleReason, NoState, PlainReason, TopicStale, Unavailable, plain, sentence_of
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)
@@ -49,6 +49,8 @@ class Robot:
         """As a coordinator before this one knew it."""
         self.left_ns: int | None = None
         """Its last message before it ended, or before the operator confirmed that it does nothing."""
+        self.out_of_service: PlainReason | None = None
+        """Why it gets no tasks, by an operator's word; None if it is in service."""
 
     @property
     def last_seen_ns(self) -> int | None:
@@ -111,6 +113,7 @@ class Roster:
     def __init__(self, journal: Journal | None = None, tasks: Mapping[str, str] | None = None, now_ns: int = 0) -> None:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
+        self._out_of_service: Mapping[str, PlainReason] = {}
         self._up: list[Robot] = []
         self.some_go_on = False
         """Whether any known robot continues without a coordinator."""
@@ -136,6 +139,12 @@ class Roster:
     def by_name(self) -> list[Robot]:
         """All robots, by name; not to be changed."""
         return self._by_name
+
+    def set_out_of_service(self, reasons: Mapping[str, PlainReason]) -> None:
+        """Give these robots no tasks, for a reason each, also if they come later; all others are in service."""
+        self._out_of_service = reasons
+        for robot in self._by_name:
+            robot.out_of_service = reasons.get(robot.name)
 
     def rejection(self, name: str, now_ns: int) -> str:
         """Why a state from this name is rejected, as text; empty if the robot is known, or there is room for it."""
@@ -267,7 +276,7 @@ class Roster:
         reasons = idle or {}
         summaries = []
         for robot in self._by_name:
-            state, reason, out = robot.state, reasons.get(robot.name), robot.down_reason(now_ns)
+            state, reason, out = robot.state, reasons.get(robot.name), robot.down_reason(now_ns) or robot.out_of_service
             age_s = round(min(robot.age_s(now_ns), 1e6), 3)
             if robot.before is not None and isinstance(out, Gone) and state is None:
                 if all_robots or now_ns >= self._found_ns:
@@ -296,6 +305,7 @@ class Roster:
     def _robot(self, name: str) -> Robot:
         if name not in self.robots:
             self.robots[name] = Robot(name)
+            self.robots[name].out_of_service = self._out_of_service.get(name)
             self._unseen += 1
             self._by_name = [self.robots[known] for known in sorted(self.robots)]
         return self.robots[name]

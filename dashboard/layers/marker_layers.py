@@ -108,7 +108,12 @@ class ZoneLayer(MeshLayer):
         return by_color((ZONE_COLORS[zone.kind], strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
 
 
-ZONE_COLORS = {ZoneKind.KEEP_OUT: palette.BAD, ZoneKind.SPEED_LIMIT: palette.WARNING, ZoneKind.PENALTY: palette.CHARGER}
+ZONE_COLORS = {
+    ZoneKind.KEEP_OUT: palette.BAD,
+    ZoneKind.SPEED_LIMIT: palette.WARNING,
+    ZoneKind.PENALTY: palette.CHARGER,
+    ZoneKind.PLACE: palette.ROUTE,
+}
 ZONE_BORDER_M, ZONE_Z_M = 0.1, 0.02
 ZONE_LABELS = 50
 

@@ -25,7 +25,7 @@ zone_app = typer.Typer(
 def list_zones(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
     """List the team's zones."""
     with connect_team(connect, team) as client:
-        zones = client.change_zones()
+        zones = client.zones()
     print_either(zones, [_text_of(zone) for zone in zones] or ["the team has no zones"], as_json=as_json)
 
 

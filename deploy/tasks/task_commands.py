@@ -210,7 +210,9 @@ def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -
 
     """
     given = {
-        one.field: list(point(one.option, fields[one.field])) if one.form is POINT else fields[one.field]
+        one.field: list(point(one.option, fields[one.field]))
+        if one.form is POINT and "," in fields[one.field]
+        else fields[one.field]
         for one in TASK_OPTIONS
         if fields.get(one.field) not in (None, [], ())
     }

@@ -24,6 +24,8 @@ class ZoneKind(StrEnum):
     """Robots drive at most at `speed_m_s`."""
     PENALTY = "penalty"
     """Paths avoid it: a metre there counts like `cost_m` metres more."""
+    PLACE = "place"
+    """It has a name and no rule. It may be a single point."""
 
 
 FIELD_OF = {ZoneKind.SPEED_LIMIT: "speed_m_s", ZoneKind.PENALTY: "cost_m"}
@@ -31,11 +33,11 @@ FIELD_OF = {ZoneKind.SPEED_LIMIT: "speed_m_s", ZoneKind.PENALTY: "cost_m"}
 
 
 class Zone(Checked, frozen=True, kw_only=True):
-    """A polygon of the floor with a rule for robots."""
+    """A polygon of the floor with a name and a rule for robots. Tasks may name it: they are done at its centre."""
 
     name: Name
     kind: ZoneKind
-    corners_m: Annotated[tuple[Corner, ...], Meta(min_length=3, max_length=64)]
+    corners_m: Annotated[tuple[Corner, ...], Meta(min_length=1, max_length=64)]
     """In order around the zone, metres, arena frame. The last is joined to the first."""
     speed_m_s: Pace | None = None
     """Top speed in a zone of the kind `speed_limit`."""
@@ -46,8 +48,8 @@ class Zone(Checked, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.area_m2 < AREA_MIN_M2:
-            raise ValueError(f"zone {self.name}: expected corners_m around an area, got a line")
+        if self.kind is not ZoneKind.PLACE and self.area_m2 < AREA_MIN_M2:
+            raise ValueError(f"zone {self.name}: expected corners_m around an area, got a point or a line")
         for kind, field in FIELD_OF.items():
             if (getattr(self, field) is None) == (self.kind is kind):
                 expected = f"{field} with kind = {kind.value!r}" if self.kind is kind else f"no {field}"
@@ -58,6 +60,8 @@ class Zone(Checked, frozen=True, kw_only=True):
         """Its rule in words."""
         if self.speed_m_s is not None:
             return f"at most {self.speed_m_s:g} m/s"
+        if self.kind is ZoneKind.PLACE:
+            return f"place ({self.centre.x_m:g}, {self.centre.y_m:g})"
         return "keep out" if self.cost_m is None else f"avoid, +{self.cost_m:g} m for each metre"
 
     @property

@@ -66,6 +66,9 @@ ALLOWED = {
     "task objective makespan": (0, "makespan"),
     "task charges": (0, "no robot charges"),
     "journal backup": (0, "blue.journal.backups"),
+    "robot hold r1 --reason cleaning": (0, "r1: out of service"),
+    "robot release r1": (0, "r1: in service"),
+    "robot retire r9": (2, "no such robot is known"),
     "zone list": (0, "the team has no zones"),
     "zone put zones.toml": (0, "dock: keep out"),
     "zone remove dock": (0, "the team has no zones"),
@@ -98,6 +101,8 @@ REFUSED = {
     "task cancel v1": (2, "viewer:vic may not ask task_cancel"),
     "task objective makespan": (2, "viewer:vic may not ask coordinator_objective"),
     "journal backup": (2, "viewer:vic may not ask coordinator_backup"),
+    "zone list": (0, "the team has no zones"),
+    "robot hold r1": (2, "viewer:vic may not ask coordinator_hold_robot"),
     "zone remove dock": (2, "viewer:vic may not ask coordinator_zones_change"),
 }
 

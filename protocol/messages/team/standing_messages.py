@@ -63,7 +63,7 @@ class KnownRobot(msgspec.Struct, frozen=True):
 
 
 PartStates = Annotated[dict[Name, Parameters], Meta(max_length=100)]
-"""What parts of the coordinator have stored, by the part's name, as JSON objects."""
+"""States that parts of the coordinator have stored, by part, as JSON objects."""
 KnownRobots = Annotated[dict[Name, KnownRobot], Meta(max_length=10_000)]
 
 

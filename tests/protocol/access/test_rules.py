@@ -41,6 +41,8 @@ ORDERS: dict[str, set[MemberRole]] = {
     "coordinator_lead": {OP},
     "coordinator_remove_robot": {OP},
     "coordinator_zones_change": {OP},
+    "coordinator_hold_robot": {OP},
+    "coordinator_release_robot": {OP},
     "replay_control": {OP},
     "host_load": {OP},
     "host_unload": {OP},

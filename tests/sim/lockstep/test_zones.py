@@ -7,6 +7,7 @@ import pytest
 
 from robrain import Scenario, Team
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
+from robrain.client.submission import BadTask
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
@@ -95,3 +96,22 @@ def test_idle_robots_leave_a_new_keep_out_zone_by_the_shortest_way(fidelity: Fid
         [ruling] = judging.finish()
         assert (ruling.state, ruling.breaches) == (InvariantState.KEPT, [])
         assert run.arena.collisions == 0
+
+
+def test_a_task_names_a_place_and_the_robot_that_does_it():
+    kitchen = ZoneTable(name="kitchen", kind=ZoneKind.PLACE, corners_m=((7.0, 4.0), (9.0, 4.0), (9.0, 5.0), (7.0, 5.0)))
+    point = ZoneTable(name="door", kind=ZoneKind.PLACE, corners_m=((4.0, 3.0),))
+    with (
+        hall(Fidelity.POINTS, PlanningPolicy(zones=(kitchen, point)), 2) as (run, _),
+        Team(LockstepTransport(run), by="test") as team,
+    ):
+        team.run_for(25.0, until=lambda: run.nothing_left)
+        done = [
+            team.wait(team.submit("visit", place="kitchen", needs=[robot]), timeout_s=90.0) for robot in ("r2", "r1")
+        ]
+        assert [(one.state, one.robot) for one in done] == [(TaskState.DONE, "r2"), (TaskState.DONE, "r1")]
+        assert done[0].task.place == Point2D(8.0, 4.5)
+        assert team.dry_run("visit", place="door").task.place == Point2D(4.0, 3.0)
+        assert "no robot of the team has r9" in team.dry_run("visit", place="door", needs=["r9"]).refused
+        with pytest.raises(BadTask, match="there is no place or zone cellar; known are door, kitchen"):
+            team.submit("visit", place="cellar")

@@ -78,6 +78,8 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("bench mapping", [], "sim,team"),
     ("lead", [], WORKS),
     ("zone list", [], WORKS),
+    ("robot hold", ["r1"], WORKS),
+    ("robot release", ["r1"], WORKS),
     ("zone put", ["zones.toml"], "navigation"),
     ("machine-files", ["machine"], WORKS),
     ("journal backup", [], WORKS),
@@ -95,6 +97,7 @@ LACKING = [
     ("pki show", [], "pki/members.json: no such file; .*"),
     ("router", [], "give the router's folder: .*"),
     ("remove", ["r1"], "r1 is not removed: it is there"),
+    ("robot retire", ["r9"], "r9 is not held: no such robot is known; there are: r1.*"),
     ("zone remove", ["hall"], "there is no zone hall; known are none"),
 ]
 """Commands that need something that is not there, and what they say of it."""

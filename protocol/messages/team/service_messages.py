@@ -1,0 +1,41 @@
+"""Robots that are taken out of service, and put back."""
+
+from types import NoneType
+
+import msgspec
+
+from robrain.protocol.errors import ErrorCode
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.ranges import Name, Text
+from robrain.protocol.topic import Query, Urgency
+
+
+class ServiceHold(msgspec.Struct, frozen=True, kw_only=True):
+    """Take a robot out of service: it gets no tasks until it is released, also by a coordinator that is restarted."""
+
+    robot: Name
+    reason: Text = ""
+    gives_back: bool = False
+    """Whether it gives its task back at once, for other robots; otherwise it finishes the task."""
+    place: Point2D | None = None
+    """Where it drives then, arena frame; None if it stays."""
+    retires: bool = False
+    """Whether the team forgets the robot once it has left the network."""
+    by: Text = ""
+    """Name of the requester."""
+
+
+class ServiceRelease(msgspec.Struct, frozen=True, kw_only=True):
+    """Put a robot back into service."""
+
+    robot: Name
+    by: Text = ""
+    """Name of the requester."""
+
+
+COORDINATOR_HOLD_ROBOT = Query(
+    "coordinator/hold_robot", "Take a robot out of service: it gets no tasks", ServiceHold, NoneType,
+    urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
+COORDINATOR_RELEASE_ROBOT = Query(
+    "coordinator/release_robot", "Put a robot back into service", ServiceRelease, NoneType,
+    urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
