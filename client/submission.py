@@ -42,6 +42,7 @@ class TaskFields(TypedDict, total=False):
 
 
 POINTS = ("place", "look_at")
+POINT_LISTS = ("stops",)
 RELATIVE = ("earliest_in_s", "deadline_in_s")
 AS_SENT = {"earliest_s": "earliest_in_s", "deadline_s": "deadline_in_s"}
 """Names in the messages of fields that have another name in `TaskFields`."""
@@ -86,14 +87,20 @@ def submission_of(
         if known is not None and name not in allowed and name not in RELATIVE:
             known_as = sorted({typed.get(field, field) for field in allowed})
             raise BadTask(f"{where}a task to {kind} has no {typed.get(name, name)}; it has {', '.join(known_as)}")
-    for name in POINTS:
-        at = content.get(name)
+
+    def point(name: str, at: Any) -> Any:
         if isinstance(at, str):
-            content[name] = place_of(at)
-        if isinstance(at, list | tuple):
-            if len(at) != 2:
-                raise BadTask(f"{where}expected {name} as two numbers, x and y in metres; got {at!r}")
-            content[name] = {"x_m": at[0], "y_m": at[1]}
+            return place_of(at)
+        if not isinstance(at, list | tuple):
+            return at
+        if len(at) != 2:
+            raise BadTask(f"{where}expected {name} as two numbers, x and y in metres; got {at!r}")
+        return {"x_m": at[0], "y_m": at[1]}
+
+    content |= {name: point(name, content[name]) for name in POINTS if name in content}
+    for name in POINT_LISTS:
+        if isinstance(content.get(name), list | tuple):
+            content[name] = [point(name, at) for at in content[name]]
     times = {name: content.pop(name) for name in RELATIVE if name in content}
     parameters = {name: content.pop(name) for name in list(content) if name not in COMMON}
     asked = {"task": {**content, "kind": kind, "parameters": parameters}, **times}

@@ -101,6 +101,8 @@ class Run(msgspec.Struct, Generic[P]):
     has_begun: bool = False
     there_ns: int | None = None
     """When it was at the place."""
+    there_gone_m: float = 0.0
+    """Path length up to then."""
     away_m: float = 0.0
     """How far from the place it was then."""
     check_ns: int = 0
@@ -350,7 +352,7 @@ class Errand(Behavior, ABC, Generic[P]):
         while self._now_ns() < task.earliest_ns:
             yield
         if self.run is not None:
-            self.run.there_ns = self._now_ns()
+            self.run.there_ns, self.run.there_gone_m = self._now_ns(), self.run.gone_m
             self.run.away_m = self.away_m(task.place)
         return (yield from self.do(task, parameters))
 
@@ -415,7 +417,8 @@ class Errand(Behavior, ABC, Generic[P]):
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
             return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s)
         stayed_s = to_seconds(self._now_ns() - run.there_ns)
-        return msgspec.structs.replace(work, wait_s=max(0.0, work.wait_s - stayed_s))
+        left_m = max(0.0, work.path_m - (run.gone_m - run.there_gone_m))
+        return msgspec.structs.replace(work, path_m=left_m, wait_s=max(0.0, work.wait_s - stayed_s))
 
     def _stop_reason(self, run: Run[P]) -> str:
         now_ns = self._now_ns()

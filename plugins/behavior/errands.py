@@ -1,5 +1,6 @@
-"""Errands of few lines: visit, inspect, collect, sense and replace, and the output of pictures."""
+"""Errands of few lines: visit, inspect, collect, sense, patrol and replace, and the output of pictures."""
 
+import itertools
 import math
 from collections.abc import Generator
 
@@ -17,11 +18,13 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
     COLLECT,
     INSPECT,
+    PATROL,
     REPLACE,
     SENSE,
     VISIT,
     Collect,
     Inspect,
+    Patrol,
     Replace,
     Sense,
     TaskParameters,
@@ -193,6 +196,29 @@ class SenseBehavior(Errand[Sense]):
                     return received.last_value
             yield
         raise Failed(f"{sense.mote} was not heard in {sense.timeout_s:g} s")
+
+
+class PatrolBehavior(Errand[Patrol]):
+    """Visits places in turn."""
+
+    kind = PATROL
+
+    def work(self, task: Task, patrol: Patrol) -> Work:
+        """The paths from place to place, by the map, and the pauses."""
+        tour = [task.place, *patrol.stops, task.place]
+        round_m = sum(self.budget.path_m(*leg) for leg in itertools.pairwise(tour))
+        return Work(path_m=patrol.rounds * round_m, wait_s=patrol.rounds * len(tour[1:]) * patrol.pause_s)
+
+    def do(self, task: Task, patrol: Patrol) -> Script:
+        """Drive round. Result: `rounds`, `longest_round_s`."""
+        longest_s = 0.0
+        for _ in range(patrol.rounds):
+            begun_ns = self.env.clock.now_ns()
+            for stop in (*patrol.stops, task.place):
+                yield from self.go(stop)
+                yield from self.wait(patrol.pause_s)
+            longest_s = max(longest_s, to_seconds(self.env.clock.now_ns() - begun_ns))
+        return {"rounds": patrol.rounds, "longest_round_s": round(longest_s, 1)}
 
 
 class ReplaceBehavior(Errand[Replace]):

@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Name, PositiveDuration, Quantity, Radians
+from robrain.protocol.model.ranges import Duration, Name, PositiveDuration, Quantity, Radians
 from robrain.protocol.model.tasks.task import Task, parameters_of
 
 EXPLORE: Final = "explore"
@@ -20,6 +20,7 @@ SENSE: Final = "sense"
 SEEK: Final = "seek"
 REPLACE: Final = "replace"
 RECHARGE: Final = "recharge"
+PATROL: Final = "patrol"
 
 
 class TaskParameters(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -129,6 +130,16 @@ class Recharge(TaskParameters, frozen=True, kw_only=True):
     """State of charge."""
 
 
+class Patrol(TaskParameters, frozen=True, kw_only=True):
+    """Visit places in turn, beginning at the task's place, and come back to it. Result: `rounds`, `longest_round_s`."""
+
+    stops: Annotated[tuple[Point2D, ...], Meta(min_length=1, max_length=64)]
+    """Places to visit after the task's own, arena frame."""
+    rounds: Annotated[int, Meta(ge=1, le=1000)] = 1
+    pause_s: Duration = 0.0
+    """Time at each place."""
+
+
 STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
     {
         VISIT: TaskParameters,
@@ -141,6 +152,7 @@ STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
         SENSE: Sense,
         SEEK: Seek,
         RECHARGE: Recharge,
+        PATROL: Patrol,
     }
 )
 """The type of the parameters of each kind."""
