@@ -1,4 +1,4 @@
-"""Rules: the readings or events for which a task is made, and that task.
+"""Rules: the readings, events or times for which a task is made, and that task.
 
 As tables of a scenario file, or of a separate file:
 
@@ -30,6 +30,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from robrain.coordinator.rules.schedule import ScheduleCondition
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.motes.mote_messages import MoteReading
@@ -98,6 +99,8 @@ OF_READING: Values = {"quantity": "temperature_c", "value": 1.0, "mote": "m1", "
 """Values of a reading that may fill parameters, with an example of each. `robot` is the one that received it."""
 OF_EVENT: Values = {"robot": "r1", "plugin": "monitor", "event": "changed", "value": 1.0, **_OF_PLACE}
 """From an event. `value` is the event's, or the field of it that the rule names; the place is the robot's."""
+OF_SCHEDULE: Values = {"due": "2026-12-01 08:00:00"}
+"""From a schedule: the local time of the occurrence."""
 
 Selected = Annotated[tuple[Name, ...], Meta(max_length=1000)]
 
@@ -252,6 +255,8 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Kind of task, such as `seek` or `inspect`."""
     place_m: tuple[Metres, Metres] | None = None
     """Where, arena frame. Default: where the reading was taken, or where the robot of the event is."""
+    place: Name = ""
+    """Name of a zone, in place of `place_m`; the task is done at its centre."""
     priority: Priority = 1.0
     deadline_s: PositiveDuration | None = None
     """Time from the making of the task by which it must be done."""
@@ -266,6 +271,8 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         super().__post_init__()
         if not self.kind:
             raise ValueError("expected a kind of task, got an empty one")
+        if self.place and self.place_m is not None:
+            raise ValueError("expected either place or place_m, got both")
         if self.deadline_s is not None and self.service_s > self.deadline_s:
             raise ValueError(f"expected service_s of at most deadline_s = {self.deadline_s:g}, got {self.service_s:g}")
 
@@ -287,7 +294,12 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     def needs_place(self) -> bool:
         """Whether no task can be made unless it is known where the reading was taken."""
         used = _BRACES.findall(msgspec.json.encode(self.parameters).decode())
-        return self.place_m is None or not {"x_m", "y_m", "place"}.isdisjoint(used)
+        is_given = self.place_m is not None or self.place
+        return not is_given or not {"x_m", "y_m", "place"}.isdisjoint(used)
+
+
+TRIGGERS: Mapping[str, Values] = {"reading": OF_READING, "event": OF_EVENT, "schedule": OF_SCHEDULE}
+"""The triggers of rules, each with the values that may fill parameters of the task."""
 
 
 class Per(StrEnum):
@@ -300,13 +312,14 @@ class Per(StrEnum):
 
 
 class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[rules]]`: a condition and the task that it triggers; either `[rules.reading]` or `[rules.event]`."""
+    """`[[rules]]`: a task, and one of `[rules.reading]`, `[rules.event]` and `[rules.schedule]`, which triggers it."""
 
     name: Name
     """Letters, digits, `_`, `-` and `.`; its tasks are called by it."""
     task: TaskOrder
     reading: ReadingCondition | None = None
     event: EventCondition | None = None
+    schedule: ScheduleCondition | None = None
     per: Per = Per.MOTE
     """After a task the rule makes none until it is armed again: for each mote by itself, or for the whole team."""
     cooldown_s: Duration = 60.0
@@ -320,13 +333,23 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
             check_name("rule", self.name)
         except BadName as error:
             raise ValueError(str(error)) from error
-        if (self.reading is None) == (self.event is None):
-            given = "neither" if self.reading is None else "both"
-            raise ValueError(f"rule {self.name}: expected either reading or event, got {given}")
+        given = [name for name in TRIGGERS if getattr(self, name) is not None]
+        if len(given) != 1:
+            got = " and ".join(given) or "none"
+            raise ValueError(f"rule {self.name}: expected one of reading, event and schedule, got {got}")
+        if self.schedule is not None and self.task.needs_place:
+            raise ValueError(f"rule {self.name}: expected task.place or task.place_m for a schedule")
         try:
-            self.task.check(OF_READING if self.event is None else OF_EVENT)
+            self.task.check(TRIGGERS[given[0]])
         except ValueError as error:
             raise ValueError(f"rule {self.name}: {error}") from error
+
+    @property
+    def trigger(self) -> ReadingCondition | EventCondition | ScheduleCondition:
+        """Its one condition."""
+        found = self.reading or self.event or self.schedule
+        assert found is not None
+        return found
 
     @property
     def by(self) -> str:

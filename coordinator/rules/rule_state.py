@@ -8,6 +8,7 @@ from enum import IntEnum
 import msgspec
 
 from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
+from robrain.coordinator.rules.schedule import ScheduleCondition
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import RuleStatus
@@ -161,9 +162,11 @@ def waits_for(rule: Rule) -> str:
     >>> waits_for(Rule(name="heat", reading=heat, task=TaskOrder(kind="visit")))
     'temperature_c above 26 for 10 s; then visit'
     """
-    condition = rule.reading if rule.reading is not None else rule.event
-    assert condition is not None
-    what = _reading(condition) if isinstance(condition, ReadingCondition) else _event(condition)
+    condition = rule.trigger
+    if isinstance(condition, ScheduleCondition):
+        what = f"{condition.rrule} in {condition.time_zone}"
+    else:
+        what = _reading(condition) if isinstance(condition, ReadingCondition) else _event(condition)
     return f"{what}; then {rule.task.kind}"
 
 
@@ -315,7 +318,12 @@ class RuleState:
         self._refusal = refusal
         self._not_before_ns = now_ns + max(RETRY_NS, to_ns(self.rule.cooldown_s))
 
-    def status(self, is_open: Callable[[str], bool]) -> RuleStatus:
+    def skipped(self, why: str) -> None:
+        """A task was not made at its time, and will not be."""
+        self._refused += 1
+        self._refusal = why
+
+    def status(self, is_open: Callable[[str], bool], next_ns: int = 0) -> RuleStatus:
         """As it is published."""
         self._open = {task for task in self._open if is_open(task)}
         return RuleStatus(
@@ -327,4 +335,5 @@ class RuleState:
             refused=self._refused,
             why=self._refusal,
             last_ns=self._last_ns,
+            next_ns=next_ns,
         )

@@ -1,4 +1,4 @@
-"""Makes tasks by rules, from the readings and events that meet them.
+"""Makes tasks by rules, from the readings and events that meet them, and at the times of schedules.
 
 The tasks are ordinary ones: they pass the same admission as those that people submit, are journalled, planned, offered
 and explained alike. The source of a rule's task is written in the transaction that accepts the task, so that after a
@@ -14,6 +14,8 @@ from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
+from robrain.coordinator.rules.schedule import Occurrences
+from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
@@ -80,6 +82,11 @@ class TaskRules(CoordinatorPart):
                 self._of_quantity.setdefault(reading.quantity, []).append((rule_state, reading))
             if event is not None:
                 self._of_event.setdefault((event.plugin, event.event), []).append((rule_state, event))
+        self._schedules = {
+            rule_state.rule.name: (rule_state, Occurrences(rule_state.rule.schedule, self._now_ns))
+            for rule_state in self._states
+            if rule_state.rule.schedule is not None
+        }
         if self._of_quantity:
             self.subscribe(MOTE_READING)
         for plugin, event_name in self._of_event:
@@ -96,12 +103,13 @@ class TaskRules(CoordinatorPart):
 
     def status(self) -> list[RuleStatus]:
         """Each rule and its actions, in the order of the file."""
-        return [rule_state.status(self._book.is_open) for rule_state in self._states]
+        next_ns = {name: occurrences.next_ns or 0 for name, (_, occurrences) in self._schedules.items()}
+        return [one.status(self._book.is_open, next_ns.get(one.rule.name, 0)) for one in self._states]
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
         alarms: dict[str, list[JournalAlarm]] = {rule.name: [] for rule in rules}
-        needed_s = {rule.name: max(rule.cooldown_s, _max_age_s(rule)) for rule in rules}
+        needed_s = {rule.name: max(rule.cooldown_s, rule.trigger.max_age_s) for rule in rules}
         for alarm in self._book.journal.alarms():
             if alarm.rule not in alarms:
                 continue
@@ -213,6 +221,25 @@ class TaskRules(CoordinatorPart):
             )
             self._make(rule_state, TaskCause(source, event.stamp_ns, place, values, reason))
 
+    def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
+        """Make the tasks whose times have come."""
+        self._now_ns = now_ns
+        for rule_state, occurrences in self._schedules.values():
+            due_ns = occurrences.latest_ns(now_ns)
+            known = rule_state.alarms.get("")
+            if due_ns is None or (known is not None and due_ns <= known.measured_ns):
+                continue
+            name, due = rule_state.rule.name, occurrences.text_of(due_ns)
+            if now_ns - due_ns > to_ns(rule_state.rule.trigger.max_age_s):
+                if known is not None:
+                    rule_state.skipped(f"the task of {due} is left out: no coordinator ran")
+            elif not rule_state.may_make(now_ns, self._book.is_open):
+                rule_state.skipped(f"the task of {due} is left out: an earlier one is open, or ended just before")
+            else:
+                reason = plain("rule_schedule", f"rule {name}: due at {due}", rule=name, due_ns=due_ns)
+                self._make(rule_state, TaskCause("", due_ns, None, {"due": due}, reason))
+                self.core.assign_soon()
+
     # -- making tasks ---------------------------------------------------------------------------------------
 
     def _arm(self, rule_state: RuleState, alarm: JournalAlarm) -> None:
@@ -228,7 +255,7 @@ class TaskRules(CoordinatorPart):
         if not rule_state.may_make(self._now_ns, self._book.is_open):
             return
         rule, now_ns = rule_state.rule, self._now_ns
-        is_armed = rule.event is not None  # an event is over at once: the next one counts again
+        is_armed = rule.reading is None  # an event is over at once: the next one counts again
         alarm = JournalAlarm(
             rule=rule.name, source=cause.source, measured_ns=cause.stamp_ns, fired_ns=now_ns, is_armed=is_armed
         )
@@ -245,6 +272,11 @@ class TaskRules(CoordinatorPart):
     def _task(self, rule: Rule, cause: TaskCause) -> Task:
         """The task that a rule makes; ValueError if a required value is unknown."""
         order, fixed_m = rule.task, rule.task.place_m
+        if order.place:
+            zones = [zone for zone in self.core.team_map.zones if zone.name == order.place]
+            if not zones:
+                raise ValueError(f"no task is made by rule {rule.name}: there is no place or zone {order.place}")
+            fixed_m = zones[0].centre.x_m, zones[0].centre.y_m
         if cause.place is None and order.needs_place:
             what = "the robot" if rule.reading is None else "the mote"
             raise ValueError(f"no task is made by rule {rule.name}: {what} does not know where it is")
@@ -263,12 +295,6 @@ class TaskRules(CoordinatorPart):
 
 def _place_values(place: Point2D | None) -> dict[str, Any]:
     return {} if place is None else {"x_m": place.x_m, "y_m": place.y_m, "place": msgspec.to_builtins(place)}
-
-
-def _max_age_s(rule: Rule) -> float:
-    condition = rule.reading or rule.event
-    assert condition is not None
-    return condition.max_age_s
 
 
 def _part(value: Any, field: str) -> Any:

@@ -89,10 +89,14 @@ json_values = st.recursive(
 )
 
 
+OF_KIND = {"relay": {"mote": "m1"}, "patrol": {"stops": '[{"x_m": 1.0, "y_m": 2.0}]'}}
+"""What is typed besides for some kinds."""
+
+
 @pytest.mark.parametrize("kind", sorted(KINDS.values(), key=lambda known: known.kind), ids=lambda known: known.kind)
 def test_every_kind_of_task_can_be_asked_for_by_form(kind: KnownKind) -> None:
     typed = {field.label: field.default or "2" for field in task_fields(kind) if field.required}
-    typed |= {"deadline_in_s": "60"} | ({"mote": "m1"} if kind.kind == "relay" else {})
+    typed |= {"deadline_in_s": "60"} | OF_KIND.get(kind.kind, {})
     submission = form_submission(kind, arguments_of(task_fields(kind), typed))
     assert submission.task.kind == kind.kind
     check_parameters(submission.task)

@@ -36,6 +36,8 @@ class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Why the last of these was not, in words."""
     last_ns: Stamp = 0
     """When it made the last one; 0 if it has made none."""
+    next_ns: Stamp = 0
+    """When its schedule is due next; 0 if it has none."""
 
 
 Rules = Annotated[list[RuleStatus], Meta(max_length=1000)] | msgspec.UnsetType

@@ -133,9 +133,10 @@ class Recharge(TaskParameters, frozen=True, kw_only=True):
 class Patrol(TaskParameters, frozen=True, kw_only=True):
     """Visit places in turn, beginning at the task's place, and come back to it. Result: `rounds`, `longest_round_s`."""
 
-    stops: Annotated[tuple[Point2D, ...], Meta(min_length=1, max_length=64)]
+    stops: Annotated[list[Point2D], Meta(min_length=1, max_length=64)]
     """Places to visit after the task's own, arena frame."""
     rounds: Annotated[int, Meta(ge=1, le=1000)] = 1
+    """How often it visits all of them."""
     pause_s: Duration = 0.0
     """Time at each place."""
 

@@ -31,6 +31,7 @@ BEHAVIORS = (
     "collect",
     "relay",
     "monitor",
+    "patrol",
     "sense",
     "seek",
     "replace",

@@ -20,6 +20,7 @@ TASKS: tuple[Task, ...] = (
         place=Point2D(2.0, 2.0),
         parameters={"duration_s": 12.0, "interval_s": 6.0, "views": 2},
     ),
+    Task(id="patrol", kind="patrol", place=Point2D(3.0, 2.0), parameters={"stops": [{"x_m": 5.0, "y_m": 3.0}]}),
     Task(id="sense", kind="sense", place=Point2D(4.5, 2.4)),
     Task(id="seek", kind="seek", place=Point2D(3.0, 3.2), parameters={"reach_m": 4.0, "duration_s": 240.0}),
     Task(id="replace", kind="replace", place=MOTES[1], parameters={"mote": "m1", "duration_s": 6.0, "period_s": 2.0}),

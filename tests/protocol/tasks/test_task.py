@@ -11,6 +11,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     Collect,
     Inspect,
     Monitor,
+    Patrol,
     Recharge,
     Relay,
     Replace,
@@ -36,6 +37,7 @@ EXAMPLES = [
     task("visit", service_s=5.0, priority=2.0, earliest_ns=1_000, deadline_ns=9_000_000_000),
     task("inspect", Inspect(look_at=Point2D(2.0, 2.0)), needs=("camera",), after=("visit-1",)),
     task("collect", Collect(mote="m3", timeout_s=30.0)),
+    task("patrol", Patrol(stops=[Point2D(3.0, 1.0)], rounds=2, pause_s=5.0)),
     task("relay", Relay(mote="m3", duration_s=120.0, rssi_min_dbm=-80.0), robots=2),
     task("monitor", Monitor(duration_s=600.0, interval_s=60.0, views=6)),
     task("explore"),
@@ -44,7 +46,7 @@ EXAMPLES = [
     task("seek", Seek(quantity="light_lx", duration_s=90.0, reach_m=8.0)),
     task("recharge", Recharge(yaw_rad=0.5, until_soc=0.8)),
 ]
-NEVER_OLD = {"seek"}
+NEVER_OLD = {"patrol", "seek"}
 """Kinds that are younger than the form of today."""
 each = pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.kind)
 
