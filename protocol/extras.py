@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 PACKAGES = {
-    "navigation": "numpy scipy numba",
+    "navigation": "numpy scipy numba dateutil",
     "bringup": "tomlkit",
     "sim": "pymunk PIL yaml tomli_w",
     "team": "mcap mcap_protobuf foxglove_schemas_protobuf google zstandard viser jinja2 websockets pyvrp",

@@ -202,6 +202,19 @@ class NoState(Reason, frozen=True, tag="no_state"):
     sentence = "no state received yet"
 
 
+class OutOfService(Reason, frozen=True, tag="out_of_service"):
+    """An operator has taken it out of service."""
+
+    by: Text = ""
+    """Name of the operator."""
+    why: Text = ""
+    """For people."""
+
+    def __str__(self) -> str:
+        by = f" by {self.by}" if self.by else ""
+        return f"out of service{by}{f': {self.why}' if self.why else ''}"
+
+
 Unavailable = Gone | NoState | PlainReason
 
 
@@ -247,7 +260,7 @@ class LacksEnergy(Reason, frozen=True, tag="lacks_energy"):
     """Energy that it lacks."""
 
 
-RobotReason = BelowReserve | Gone | LacksEnergy | NoState | OutOfReach | Refused | PlainReason
+RobotReason = BelowReserve | Gone | LacksEnergy | NoState | OutOfReach | OutOfService | Refused | PlainReason
 
 
 def halted() -> PlainReason:

@@ -19,7 +19,7 @@ from robrain.protocol.messages.team.service_messages import (
 )
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import PlainReason, RobotOut, plain
+from robrain.protocol.reasons import OutOfService, RobotOut
 from robrain.protocol.wire.endpoint import Request, Serve
 
 
@@ -104,7 +104,5 @@ class RobotService(CoordinatorPart):
         self.core.roster.set_out_of_service({name: _reason(hold) for name, hold in holds.items()})
 
 
-def _reason(hold: ServiceHold) -> PlainReason:
-    by = f" by {hold.by}" if hold.by else ""
-    text = f"taken out of service{by}{f': {hold.reason}' if hold.reason else ''}"
-    return plain("out_of_service", text, by=hold.by, why=hold.reason)
+def _reason(hold: ServiceHold) -> OutOfService:
+    return OutOfService(by=hold.by, why=hold.reason)

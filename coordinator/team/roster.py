@@ -15,7 +15,16 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotSt
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
-from robrain.protocol.reasons import Gone, IdleReason, NoState, PlainReason, TopicStale, Unavailable, plain, sentence_of
+from robrain.protocol.reasons import (
+    Gone,
+    IdleReason,
+    NoState,
+    OutOfService,
+    TopicStale,
+    Unavailable,
+    plain,
+    sentence_of,
+)
 from robrain.protocol.wire.presence import Change
 
 logger = logging.getLogger(__name__)
@@ -49,7 +58,7 @@ class Robot:
         """As a coordinator before this one knew it."""
         self.left_ns: int | None = None
         """Its last message before it ended, or before the operator confirmed that it does nothing."""
-        self.out_of_service: PlainReason | None = None
+        self.out_of_service: OutOfService | None = None
         """Why it gets no tasks, by an operator's word; None if it is in service."""
 
     @property
@@ -113,7 +122,7 @@ class Roster:
     def __init__(self, journal: Journal | None = None, tasks: Mapping[str, str] | None = None, now_ns: int = 0) -> None:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
-        self._out_of_service: Mapping[str, PlainReason] = {}
+        self._out_of_service: Mapping[str, OutOfService] = {}
         self._up: list[Robot] = []
         self.some_go_on = False
         """Whether any known robot continues without a coordinator."""
@@ -140,7 +149,7 @@ class Roster:
         """All robots, by name; not to be changed."""
         return self._by_name
 
-    def set_out_of_service(self, reasons: Mapping[str, PlainReason]) -> None:
+    def set_out_of_service(self, reasons: Mapping[str, OutOfService]) -> None:
         """Give these robots no tasks, for a reason each, also if they come later; all others are in service."""
         self._out_of_service = reasons
         for robot in self._by_name:

@@ -18,6 +18,7 @@ TEXT_MAX = 160
 CONDITIONS: dict[RobotHealth, tuple[str, str, str]] = {
     RobotHealth.UP: ("●", "up", "good"),
     RobotHealth.READY: ("○", "ready", "soft"),
+    RobotHealth.OUT_OF_SERVICE: ("◇", "out of service", "soft"),
     RobotHealth.ASTRAY: ("?", "astray", "bad"),
     RobotHealth.FAULTED: ("▲", "faulted", "bad"),
     RobotHealth.HALTED: ("■", "halted", "bad"),

@@ -99,7 +99,10 @@ class ZoneLayer(MeshLayer):
         super()._draw(view, now_s)
         self._labels.show(
             {
-                zone.name: (f"{zone.name}: {zone.rule}", (zone.centre.x_m, zone.centre.y_m, 0.0))
+                zone.name: (
+                    zone.name if zone.kind is ZoneKind.PLACE else f"{zone.name}: {zone.rule}",
+                    (zone.centre.x_m, zone.centre.y_m, 0.0),
+                )
                 for zone in _zones_of(view)[:ZONE_LABELS]
             }
         )

@@ -91,6 +91,7 @@ class Vitals:
 ROBOT_GRADES: dict[RobotHealth, Grade] = {
     RobotHealth.UP: Grade.GOOD,
     RobotHealth.READY: Grade.GOOD,
+    RobotHealth.OUT_OF_SERVICE: Grade.GOOD,
     RobotHealth.SILENT: Grade.WARN,
     RobotHealth.ASTRAY: Grade.BAD,
     RobotHealth.FAULTED: Grade.BAD,

@@ -13,7 +13,7 @@ from robrain.protocol.messages.team.arena_messages import RobotTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RecorderState
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.reasons import Gone
+from robrain.protocol.reasons import Gone, OutOfService
 from robrain.recording.drawing.robot_history import RobotHistory
 
 SILENT_AFTER_S = 3.0
@@ -48,6 +48,7 @@ class RobotHealth(StrEnum):
     """A plugin of it does not run."""
     ASTRAY = "astray"
     """It does not know its pose."""
+    OUT_OF_SERVICE = "out_of_service"
     READY = "ready"
     """It waits at its start for the run to begin."""
     UP = "up"
@@ -132,7 +133,10 @@ class ShownRobot:
             return RobotHealth.HALTED
         if self.state is not None and self.state.faulted:
             return RobotHealth.FAULTED
-        return RobotHealth.ASTRAY if self.state is not None and self.state.lost else RobotHealth.UP
+        if self.state is not None and self.state.lost:
+            return RobotHealth.ASTRAY
+        is_held = self.summary is not None and isinstance(self.summary.out, OutOfService)
+        return RobotHealth.OUT_OF_SERVICE if is_held else RobotHealth.UP
 
     def handle_state(self, state: RobotState, now_s: float) -> None:
         """Process its state."""

@@ -88,6 +88,11 @@ def point(option: str, text: str) -> tuple[float, float]:
     return x_m, y_m
 
 
+def place(option: str, text: str) -> tuple[float, float] | str:
+    """`3,4` as x and y, metres; the name of a zone as it is (UsageError naming the option)."""
+    return text if text[:1].isalpha() and "," not in text else point(option, text)
+
+
 def above_zero(option: str, value: float | None) -> float | None:
     """A number that must be above 0, if it is given (UsageError if it is not)."""
     if value is not None and not value > 0:

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team, point
+from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team, place
 from robrain.deploy.command_line.output import print_result
 from robrain.protocol.keys import DEFAULT_TEAM
 
@@ -32,9 +32,8 @@ def hold(
     team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Take a robot out of service: it gets no tasks until it is released."""
-    place = point("--to", to) if "," in to else to or None
     with connect_team(connect, team) as client:
-        client.hold_robot(robot, reason, gives_back=give_back, place=place)
+        client.hold_robot(robot, reason, gives_back=give_back, place=place("--to", to) if to else None)
     print_result(f"{robot}: out of service")
 
 

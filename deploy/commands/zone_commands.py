@@ -62,4 +62,4 @@ def remove(
 
 def _text_of(zone: Zone) -> str:
     who = f", for {', '.join(zone.robots)}" if zone.robots else ""
-    return f"{zone.name}: {zone.rule}, {zone.area_m2:.1f} m²{who}"
+    return f"{zone.name}: {zone.rule}{f', {zone.area_m2:.1f} m²' if zone.area_m2 else ''}{who}"

@@ -103,12 +103,15 @@ def check_key_space(endpoints: Sequence[str], team: str, robot: str) -> Check:
     )
 
 
+WELL = (RobotCondition.UP, RobotCondition.OUT_OF_SERVICE, RobotCondition.HALTED)
+
+
 def check_robot(robot: RobotStatus) -> Check:
     """Whether a robot of a team is well, by its state."""
     name = robot.robot
     if robot.condition is RobotCondition.GONE:
         return wrong(CheckName.ROBOT, f"{name} has gone", f"start its agent, or `robrain remove {name}`")
-    is_well = robot.condition in (RobotCondition.UP, RobotCondition.HALTED) and not robot.plugins_out
+    is_well = robot.condition in WELL and not robot.plugins_out
     sentence = f"{name}: {'; '.join(reasons_of(robot)) or robot.condition}"
     return Check(CheckName.ROBOT, is_well, sentence, "" if is_well else f"look at `robrain plugin list {name}`")
 

@@ -23,7 +23,7 @@ from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
-from robrain.protocol.reasons import Gone, sentence_of
+from robrain.protocol.reasons import Gone, OutOfService, sentence_of
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.safe_text import safe_lines
 from robrain.protocol.wire.endpoint import Endpoint
@@ -47,6 +47,7 @@ class RobotCondition(StrEnum):
     """It has left the network; `robrain remove` has it forgotten."""
     HALTED = "halted"
     FAULTED = "faulted"
+    OUT_OF_SERVICE = "out of service"
     LOST = "lost"
     """It does not know its pose."""
     SILENT = "silent"
@@ -126,6 +127,13 @@ def status_by(wire: Endpoint) -> TeamStatus:
     refused = {COORDINATOR: summary.refused or []}
     refused |= {name: state.refused or [] for name, state in sorted(states.items())}
     statuses = {name: robot_status(name, states.get(name)) for name in found.robots}
+    statuses |= {
+        robot.name: msgspec.structs.replace(known, condition=RobotCondition.OUT_OF_SERVICE, why=str(robot.out))
+        for robot in summary.robots
+        if isinstance(robot.out, OutOfService)
+        and (known := statuses.get(robot.name))
+        and known.condition is RobotCondition.UP
+    }
     statuses |= {
         robot.name: RobotStatus(
             robot=robot.name, condition=RobotCondition.GONE, task=robot.task, soc=robot.soc, silent_s=robot.age_s

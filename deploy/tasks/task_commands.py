@@ -11,7 +11,7 @@ import typer
 
 from robrain.client.submission import AS_SENT, TaskFields, submission_of
 from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, point
+from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, place
 from robrain.deploy.command_line.output import print_either, print_json
 from robrain.deploy.errors import UsageError
 from robrain.deploy.tasks.task_files import (
@@ -210,9 +210,7 @@ def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -
 
     """
     given = {
-        one.field: list(point(one.option, fields[one.field]))
-        if one.form is POINT and "," in fields[one.field]
-        else fields[one.field]
+        one.field: place(one.option, fields[one.field]) if one.form is POINT else fields[one.field]
         for one in TASK_OPTIONS
         if fields.get(one.field) not in (None, [], ())
     }

@@ -13,7 +13,7 @@ from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
-from robrain.protocol.reasons import IdleReason, MinorityReached, TopicStale, Unavailable, sentence_of
+from robrain.protocol.reasons import IdleReason, MinorityReached, OutOfService, TopicStale, Unavailable, sentence_of
 from robrain.protocol.refusals import Refused
 from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
 
@@ -63,7 +63,7 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Its plugins that do not run."""
     idle: IdleReason | None = None
     """Why it has nothing to do; None if it has a task or is not available."""
-    out: Unavailable | None = None
+    out: Unavailable | OutOfService | None = None
     """Why it is not available; None if it is."""
 
 

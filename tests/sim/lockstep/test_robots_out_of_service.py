@@ -44,9 +44,9 @@ def test_a_robot_out_of_service_finishes_its_task_or_gives_it_back(gives_back: b
         assert {one.state for one in done} == {TaskState.DONE}
         assert [one.robot for one in done] == [other if gives_back else robot, other, other, other]
         team.run_for(1.0)
-        assert summary(team, robot).why == "taken out of service by ann: battery swap"
+        assert summary(team, robot).why == "out of service by ann: battery swap"
         verdicts = {one.robot: one.refusal for one in team.dry_run("visit", place=(5.0, 5.0)).robots}
-        assert verdicts[robot] == "taken out of service by ann: battery swap"
+        assert verdicts[robot] == "out of service by ann: battery swap"
 
 
 def test_a_robot_drives_to_its_place_out_of_service_and_works_again_once_released() -> None:
