@@ -88,9 +88,9 @@ def point(option: str, text: str) -> tuple[float, float]:
     return x_m, y_m
 
 
-def place(option: str, text: str) -> tuple[float, float] | str:
+def place(option: str, text: str) -> list[float] | str:
     """`3,4` as x and y, metres; the name of a zone as it is (UsageError naming the option)."""
-    return text if text[:1].isalpha() and "," not in text else point(option, text)
+    return text if text[:1].isalpha() and "," not in text else [*point(option, text)]
 
 
 def above_zero(option: str, value: float | None) -> float | None:
