@@ -124,6 +124,7 @@ LONG = TaskOrder(kind="visit", place_m=(3.0, 3.0), service_s=200.0)
 NOWHERE = TaskOrder(kind="visit", place="cellar")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("site", [{"task": PATROL}], indirect=True)
 def test_tasks_are_made_at_the_times_of_the_schedule(site):
     site.team.run_for(280.0)
@@ -131,6 +132,7 @@ def test_tasks_are_made_at_the_times_of_the_schedule(site):
     assert site.status().next_ns == to_ns(360.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("site", [{"task": LONG}], indirect=True)
 def test_no_task_is_made_while_the_previous_one_is_open(site):
     site.team.run_for(250.0)
@@ -138,6 +140,7 @@ def test_no_task_is_made_while_the_previous_one_is_open(site):
     assert (site.status().made, site.status().refused) == (2, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("site", "made"),
     [({"task": PATROL, "max_age_s": 70.0}, True), ({"task": PATROL, "max_age_s": 20.0}, False)],
@@ -156,6 +159,7 @@ def test_after_an_outage_the_last_missed_task_is_made_if_it_is_not_too_old(site,
     assert len(site.due()) == 1 + made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("site", [{"task": NOWHERE}], indirect=True)
 def test_a_place_that_is_not_known_is_named(site):
     site.team.run_for(2.0)
