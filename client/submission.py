@@ -53,9 +53,18 @@ AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
 """Scripts and task files use the field names of the messages."""
 
 
+PlaceOf = Callable[[str], Point2D]
+"""Returns the point of a name, or raises BadTask."""
+
+
 def any_place(_name: str) -> Point2D:
-    """For checks before the team is contacted: any name is accepted."""
+    """For checks before the team is contacted, whose result is discarded: any name is accepted."""
     return Point2D(0.0, 0.0)
+
+
+def no_place(name: str) -> Point2D:
+    """Where no team is at hand, names are refused."""
+    raise BadTask(f"expected x and y in metres, got the name {name}")
 
 
 def submission_of(
@@ -63,7 +72,7 @@ def submission_of(
     fields: Mapping[str, Any],
     where: str = "",
     typed: Mapping[str, str] = AS_ON_THE_WIRE,
-    place_of: Callable[[str], Point2D] = any_place,
+    place_of: PlaceOf = no_place,
 ) -> TaskSubmission:
     """Build a task request from a kind and its fields, named as in the messages.
 
@@ -118,9 +127,7 @@ def submission_of(
     return submission
 
 
-def asked_task(
-    task: str | Task, by: str, new_id: str, fields: TaskFields, place_of: Callable[[str], Point2D]
-) -> TaskSubmission:
+def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields, place_of: PlaceOf) -> TaskSubmission:
     """Build the request of `Team.submit` and `Team.dry_run` from their arguments.
 
     Args:

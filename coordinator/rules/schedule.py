@@ -79,7 +79,7 @@ class Occurrences:
         self._advance()
 
     def latest_ns(self, now_ns: int) -> int | None:
-        """The last occurrence up to now of those that were not asked for before; None if there is none."""
+        """The last new occurrence up to now; None if there is none."""
         found = None
         while self.next_ns is not None and self.next_ns <= now_ns:
             found = self.next_ns

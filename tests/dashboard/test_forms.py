@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robrain.client.submission import BadTask
 from robrain.dashboard.panels.function_form import FieldKind, FormField, arguments_of, fields_of
 from robrain.dashboard.panels.page import stock_kinds
 from robrain.dashboard.panels.task_tab import form_submission, task_fields
@@ -157,3 +158,9 @@ def test_mistake_names_the_field(typed: dict[str, str], error: str) -> None:
     with pytest.raises(ValueError, match="expected") as mistake:
         arguments_of(FIELDS, typed)
     assert str(mistake.value).startswith(error)
+
+
+def test_a_form_refuses_names_of_places() -> None:
+    arguments = {"place": {"x_m": 1.0, "y_m": 2.0}, "stops": ["kitchen"]}
+    with pytest.raises(BadTask, match="expected x and y in metres, got the name kitchen"):
+        form_submission(KINDS["patrol"], arguments)
