@@ -237,7 +237,8 @@ class RobotTasks:
             return TaskCost(id=task.id, why=sentence_of(_no_behavior(task.kind)))
         try:
             work = executor.work(task)
-            fields = {name: getattr(work, name) for name in ("path_m", "turn_rad", "wait_s", "radio_packets")}
+            sent = (name for name in Work.__struct_fields__ if name in TaskCost.__struct_fields__)
+            fields = {name: getattr(work, name) for name in sent}
             return msgspec.convert({"id": task.id, **fields}, TaskCost)
         except FOREIGN_ERRORS as error:  # foreign plugin code
             return TaskCost(id=task.id, why=cut(str(error)))

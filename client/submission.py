@@ -13,6 +13,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskSubmis
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Task
+from robrain.protocol.model.zone import Zone, ZoneKind
 
 
 class BadTask(RobrainError):
@@ -41,8 +42,10 @@ class TaskFields(TypedDict, total=False):
     parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
 
 
-POINTS = ("place", "look_at")
-POINT_LISTS = ("stops",)
+POINTS = ("place", "look_at", "to")
+ITEM_POINTS = ("pick_up", "to")
+"""Points of each of a delivery's `items`."""
+POINT_LISTS = ("stops", "area")
 RELATIVE = ("earliest_in_s", "deadline_in_s")
 AS_SENT = {"earliest_s": "earliest_in_s", "deadline_s": "deadline_in_s"}
 """Names in the messages of fields that have another name in `TaskFields`."""
@@ -53,16 +56,16 @@ AS_ON_THE_WIRE: Mapping[str, str] = MappingProxyType({})
 """Scripts and task files use the field names of the messages."""
 
 
-PlaceOf = Callable[[str], Point2D]
-"""Returns the point of a name, or raises BadTask."""
+ZoneOf = Callable[[str], Zone]
+"""Returns the zone of a name, or raises BadTask."""
 
 
-def any_place(_name: str) -> Point2D:
+def any_zone(name: str) -> Zone:
     """For checks before the team is contacted, whose result is discarded: any name is accepted."""
-    return Point2D(0.0, 0.0)
+    return Zone(name=name, kind=ZoneKind.PLACE, corners_m=((0.0, 0.0),) * 3)
 
 
-def no_place(name: str) -> Point2D:
+def no_zone(name: str) -> Zone:
     """Where no team is at hand, names are refused."""
     raise BadTask(f"expected x and y in metres, got the name {name}")
 
@@ -72,7 +75,7 @@ def submission_of(
     fields: Mapping[str, Any],
     where: str = "",
     typed: Mapping[str, str] = AS_ON_THE_WIRE,
-    place_of: PlaceOf = no_place,
+    zone_of: ZoneOf = no_zone,
 ) -> TaskSubmission:
     """Build a task request from a kind and its fields, named as in the messages.
 
@@ -83,7 +86,7 @@ def submission_of(
             point may be two numbers.
         where: file and number of the task, for the error message.
         typed: command-line form of fields that are not typed by their name.
-        place_of: returns the point of a name.
+        zone_of: returns the zone of a name: its centre stands for a point, its corners for an area.
 
     Raises:
         BadTask: names the invalid field.
@@ -99,14 +102,24 @@ def submission_of(
 
     def point(name: str, at: Any) -> Any:
         if isinstance(at, str):
-            return place_of(at)
+            return zone_of(at).centre
         if not isinstance(at, list | tuple):
             return at
         if len(at) != 2:
             raise BadTask(f"{where}expected {name} as two numbers, x and y in metres; got {at!r}")
         return {"x_m": at[0], "y_m": at[1]}
 
+    if isinstance(content.get("area"), str):
+        zone = zone_of(content["area"])
+        content = {"place": zone.centre, **content, "area": zone.corners_m}
     content |= {name: point(name, content[name]) for name in POINTS if name in content}
+    if isinstance(content.get("items"), list | tuple):
+        content["items"] = [
+            {name: point(name, value) if name in ITEM_POINTS else value for name, value in item.items()}
+            if isinstance(item, dict)
+            else item
+            for item in content["items"]
+        ]
     for name in POINT_LISTS:
         if isinstance(content.get(name), list | tuple):
             content[name] = [point(name, at) for at in content[name]]
@@ -127,7 +140,7 @@ def submission_of(
     return submission
 
 
-def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields, place_of: PlaceOf) -> TaskSubmission:
+def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields, zone_of: ZoneOf) -> TaskSubmission:
     """Build the request of `Team.submit` and `Team.dry_run` from their arguments.
 
     Args:
@@ -135,7 +148,7 @@ def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields, place
         by: name of the client.
         new_id: id of the task if the fields have none.
         fields: the arguments; those that are None or empty are not given.
-        place_of: returns the point of a name.
+        zone_of: returns the zone of a name: its centre stands for a point, its corners for an area.
 
     Raises:
         BadTask: a field is missing, invalid or given twice, or a whole task has further fields than times.
@@ -157,7 +170,7 @@ def asked_task(task: str | Task, by: str, new_id: str, fields: TaskFields, place
         raise BadTask(f"a task to {task}: give {', '.join(twice)} as an argument, not among the parameters")
     if "after" in given:
         given["after"] = [id_of(one) for one in given["after"]]
-    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **parameters}, place_of=place_of), by=by)
+    return msgspec.structs.replace(submission_of(task, {"id": new_id, **given, **parameters}, zone_of=zone_of), by=by)
 
 
 def id_of(task: TaskName) -> str:

@@ -246,7 +246,7 @@ class Team(RobotCalls):
             NobodyThere: no coordinator answers, and no robot accepts the task.
 
         """
-        asked = asked_task(task, self.by, f"{task}", fields, self._place)
+        asked = asked_task(task, self.by, f"{task}", fields, self._zone)
         if fields.get("id") is not None or not isinstance(task, str):
             return self._requests.submit(asked)
 
@@ -270,15 +270,15 @@ class Team(RobotCalls):
             NobodyThere: no coordinator answers.
 
         """
-        asked = asked_task(task, self.by, f"{task}-dry-run", fields, self._place)
+        asked = asked_task(task, self.by, f"{task}-dry-run", fields, self._zone)
         return self._requests.coordinator(TASK_DRY_RUN, asked)
 
-    def _place(self, name: str) -> Point2D:
-        """The centre of the zone of a name (BadTask if there is none)."""
+    def _zone(self, name: str) -> Zone:
+        """The zone of a name (BadTask if there is none)."""
         zones = self.zones()
         for zone in zones:
             if zone.name == name:
-                return zone.centre
+                return zone
         known = ", ".join(zone.name for zone in zones) or "none"
         raise BadTask(f"there is no place or zone {name}; known are {known}")
 
@@ -394,7 +394,7 @@ class Team(RobotCalls):
 
         """
         if isinstance(place, str):
-            place = self._place(place)
+            place = self._zone(place).centre
         elif place is not None and not isinstance(place, Point2D):
             place = Point2D(*place)
         hold = ServiceHold(robot=robot, reason=reason, gives_back=gives_back, place=place, retires=retires, by=self.by)

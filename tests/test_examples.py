@@ -35,11 +35,11 @@ SAYS = {
     "06_together": [r"fetch +done by r\d", r"bring +done by r\d", r"lift +done by two robots"],
     "07_objectives": [r"energy: \d+ J, \d+ s", r"makespan: \d+ J, \d+ s", r"visit-6 to r1: \d+ J"],
     "08_your_own_task": [
-        r"r1 can sweep: width_m, height_m, lane_m",
-        r"task sweep-1 is refused: width_m: -1\.0 is less than or equal to the minimum of 0",
+        r"r1 can mow: width_m, height_m, lane_m",
+        r"task mow-1 is refused: width_m: -1\.0 is less than or equal to the minimum of 0",
         r"r1: \d+ J",
-        r"r2: \S.*sweep",
-        r"sweep-\d done by r1: .*'lanes': 3",
+        r"r2: \S.*mow",
+        r"mow-\d done by r1: .*'lanes': 3",
     ],
 }
 """What each prints, as patterns."""

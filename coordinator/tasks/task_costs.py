@@ -149,7 +149,7 @@ class TaskCosts:
             return
         del self._questions[key]
         self._attempts.pop(key, None)
-        work = Work(cost.path_m, cost.turn_rad, cost.wait_s, cost.radio_packets)
+        work = msgspec.convert(cost, Work, from_attributes=True)
         self._costs[key] = None if cost.why else work
         if len(self._costs) > KEPT_COSTS:
             del self._costs[next(iter(self._costs))]

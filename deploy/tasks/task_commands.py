@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import msgspec
 import typer
 
-from robrain.client.submission import AS_SENT, TaskFields, any_place, submission_of
+from robrain.client.submission import AS_SENT, TaskFields, any_zone, submission_of
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, place
 from robrain.deploy.command_line.output import print_either, print_json
@@ -220,7 +220,7 @@ def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -
             raise UsageError(f"{what}: a file has all fields of its tasks; leave the options out")
         return tasks_in(Path(what))
     # Report mistakes before the team is contacted.
-    submission_of(what, {"id": what, **given}, typed=OPTIONS, place_of=any_place)
+    submission_of(what, {"id": what, **given}, typed=OPTIONS, zone_of=any_zone)
     return [TaskWords(what, given)]
 
 

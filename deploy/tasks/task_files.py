@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from robrain.client.submission import COMMON, RELATIVE, any_place, submission_of
+from robrain.client.submission import COMMON, RELATIVE, any_zone, submission_of
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
 from robrain.protocol.messages.tasks.task_messages import Remedy, RobotVerdict, TaskDryRun, TaskEstimate
@@ -49,7 +49,7 @@ def tasks_in(path: Path) -> list[TaskWords]:
         kind = task.pop("kind", None)
         if not isinstance(kind, str):
             raise UsageError(f"{where}expected kind, such as {', '.join(sorted(STOCK_KINDS))}")
-        submission_of(kind, {"id": kind, **task}, where, place_of=any_place)  # check all before the first is submitted
+        submission_of(kind, {"id": kind, **task}, where, zone_of=any_zone)  # check all before the first is submitted
         found.append(TaskWords(kind, task))
     return found
 

@@ -22,6 +22,8 @@ from robrain.protocol.reasons import NeedsEnergy, sentence_of
 CONFIDENCE = 0.95
 NEAREST = 3
 """Number of chargers, nearest by straight line, whose paths are compared."""
+SNAP_M = 0.8
+"""Largest distance of a path's start from the place, if the robot cannot stand there."""
 DETOUR = 1.5
 """Assumed ratio of an unknown path's length to the straight line. Chosen."""
 REQUIRES = ("energy", "home", "planner")
@@ -108,6 +110,12 @@ class Budget:
         """The chargers nearest to a place by straight line, each with the length of the path to it."""
         nearest = sorted(chargers, key=lambda charger: place.distance_m(charger.place))[:NEAREST]
         return [(charger, self.path_m(place, charger.place)) for charger in nearest]
+
+    def lengths_m(self, start: Point2D, goals: Sequence[Point2D]) -> list[float]:
+        """Lengths of the paths from a place to others, by the map, to compare them; inf where there is none."""
+        grid = self._planner.grid(self._travel.view())
+        cells = [grid.geometry.cell_of(goal.x_m, goal.y_m) for goal in goals]
+        return grid.costs_m(start, cells, snap_m=SNAP_M)
 
     def path_m(self, start: Point2D, goal: Point2D) -> float:
         """Length of the path between two places by the map; without one, 1.5 times the straight line."""

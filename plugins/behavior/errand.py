@@ -3,17 +3,17 @@
 A behavior defines the kind, its parameters, the work at the place and its cost. The errand accepts or refuses offers,
 goes there, monitors energy and deadline, and reports the result:
 
-class Sweep(TaskParameters, frozen=True):
+class Mow(TaskParameters, frozen=True):
     width_m: Length
 
-class SweepBehavior(Errand[Sweep]):
-    kind = "sweep"
+class MowBehavior(Errand[Mow]):
+    kind = "mow"
 
-    def work(self, task, sweep):
-        return Work(path_m=4 * sweep.width_m)
+    def work(self, task, mow):
+        return Work(path_m=4 * mow.width_m)
 
-    def do(self, task, sweep):
-        yield from self.go(Point2D(task.place.x_m + sweep.width_m, task.place.y_m))
+    def do(self, task, mow):
+        yield from self.go(Point2D(task.place.x_m + mow.width_m, task.place.y_m))
         return {}
 
 `do` is a script: each `yield` ends a step. The return value is the task's result, and `raise Failed(why)` ends the task
@@ -126,7 +126,7 @@ class Run(msgspec.Struct, Generic[P]):
 
 
 class Errand(Behavior, ABC, Generic[P]):
-    """Does tasks of one kind, one at a time; derive from it, as in `Errand[Sweep]` for the tasks' parameters."""
+    """Does tasks of one kind, one at a time; derive from it, as in `Errand[Mow]` for the tasks' parameters."""
 
     Parameters: ClassVar[type[msgspec.Struct]] = TravelParameters
     period_s: float | None = STEP_S
@@ -137,7 +137,7 @@ class Errand(Behavior, ABC, Generic[P]):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for base in getattr(cls, "__orig_bases__", ()):
+        for base in cls.__dict__.get("__orig_bases__", ()):
             if get_origin(base) is Errand and isinstance(get_args(base)[0], type):
                 cls.task_parameters = get_args(base)[0]
 

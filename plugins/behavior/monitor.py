@@ -1,10 +1,8 @@
-"""Monitor: watches a room, the paper's example.
-
-Looks around at intervals and reports changes.
-"""
+"""Monitor and guard: watch a room, the paper's example, or an area, and report changes."""
 
 import io
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import msgspec
@@ -14,15 +12,18 @@ from numpy.typing import NDArray
 
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.event import Event
+from robrain.algorithms.navigation.area_coverage import overlook
 from robrain.algorithms.numeric.kernel_array import Floats
-from robrain.plugins.behavior.errand import Errand, Script
+from robrain.plugins.behavior.errand import Errand, Failed, Script
 from robrain.plugins.behavior.errands import ImageOut
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.device.camera import CameraInterface
 from robrain.plugins.skill.energy import Work
+from robrain.plugins.skill.planner import PlannerInterface
 from robrain.protocol.clock import to_ns, to_seconds
+from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.model.tasks.stock_kinds import MONITOR, Monitor
+from robrain.protocol.model.tasks.stock_kinds import GUARD, MONITOR, Guard, Monitor
 from robrain.protocol.model.tasks.task import Task
 
 HALF = 2
@@ -190,7 +191,12 @@ class MonitorBehavior(Errand[Monitor]):
 
         Result: `rounds`, `changes`, `images`.
         """
-        yaws_rad = [view * math.tau / monitor.views for view in range(monitor.views)]
+        return (
+            yield from self.watch(task, monitor, [view * math.tau / monitor.views for view in range(monitor.views)])
+        )
+
+    def watch(self, task: Task, monitor: Monitor, yaws_rad: Sequence[float]) -> Script:
+        """Look in these directions in each round, and report changes."""
         seen: dict[float, Floats] = {}
         images: list[str] = []
         rounds = changes = 0
@@ -215,3 +221,44 @@ class MonitorBehavior(Errand[Monitor]):
             next_ns = max(next_ns + to_ns(monitor.interval_s), self.env.clock.now_ns())
         yield from self.wait(to_seconds(until_ns - self.env.clock.now_ns()))
         return {"rounds": rounds, "changes": changes, "images": images}
+
+
+class GuardBehavior(MonitorBehavior):
+    """Stands where most of an area is seen, and reports changes there."""
+
+    class Parameters(MonitorBehavior.Parameters, frozen=True, forbid_unknown_fields=True):
+        """Range of the camera."""
+
+        range_m: Positive = 10.0
+
+    kind = GUARD
+    task_parameters = Guard
+    parameters: Parameters
+
+    def activate(self) -> None:
+        self._planner = self.env.use("planner", PlannerInterface)
+        super().activate()
+
+    def do(self, task: Task, guard: Monitor) -> Script:
+        """Go where the area is seen, and watch it.
+
+        Result: `rounds`, `changes`, `images`, `seen_share`.
+        """
+        assert isinstance(guard, Guard)
+        view = self.travel.view()
+        grid = self._planner.grid(view)
+        found = overlook(view.classes, grid.traversable, grid.geometry, guard.area, self.parameters.range_m)
+        if found is None:
+            raise Failed("no place is known from which the area is seen")
+        stand, seen_share = found
+        yield from self.go(stand)
+        at = self.travel.place()
+        x_m, y_m = (sum(getattr(corner, axis) for corner in guard.area) / len(guard.area) for axis in ("x_m", "y_m"))
+        ahead_rad = math.atan2(y_m - at.y_m, x_m - at.x_m)
+        corners = [math.atan2(corner.y_m - at.y_m, corner.x_m - at.x_m) for corner in guard.area]
+        aside_rad = [wrap_angle_rad(corner_rad - ahead_rad) for corner_rad in corners]
+        low_rad, high_rad = min(aside_rad), max(aside_rad)
+        shares = [(view + 0.5) / guard.views for view in range(guard.views)]
+        yaws_rad = [ahead_rad + low_rad + share * (high_rad - low_rad) for share in shares]
+        result = yield from self.watch(task, guard, yaws_rad)
+        return {**result, "seen_share": round(seen_share, 3)}

@@ -70,6 +70,9 @@ class PlannerInterface(Protocol):
     def safe_positions(self, view: MapCells, positions: Floats, *, is_narrow: bool = False) -> int:
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
 
+    def grid(self, view: MapCells) -> NavigationGrid:
+        """Where the robot can stand with its preferred clearance, and what paths cost there; do not change it."""
+
 
 class Planner(Skill):
     """Plans paths for a round robot; the driver gives its radius."""
@@ -167,6 +170,10 @@ class Planner(Skill):
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
         grid, _ = self._grids.get(is_narrow) or (self._navigation(view, is_narrow=is_narrow), 0)
         return grid.clear_positions(view.classes, positions)
+
+    def grid(self, view: MapCells) -> NavigationGrid:
+        """Where the robot can stand with its preferred clearance, and what paths cost there."""
+        return self._navigation(view)
 
     def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
         grid, version = self._grids.get(is_narrow, (None, 0))

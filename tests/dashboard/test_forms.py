@@ -90,7 +90,14 @@ json_values = st.recursive(
 )
 
 
-OF_KIND = {"relay": {"mote": "m1"}, "patrol": {"stops": '[{"x_m": 1.0, "y_m": 2.0}]'}}
+AREA = '[{"x_m": 1.0, "y_m": 2.0}, {"x_m": 3.0, "y_m": 2.0}, {"x_m": 3.0, "y_m": 4.0}]'
+OF_KIND = {
+    "relay": {"mote": "m1"},
+    "patrol": {"stops": '[{"x_m": 1.0, "y_m": 2.0}]'},
+    "deliver": {"to": "1,2"},
+    "sweep": {"area": AREA},
+    "guard": {"area": AREA},
+}
 """What is typed besides for some kinds."""
 
 
@@ -112,16 +119,16 @@ def test_a_kind_that_only_a_robot_knows_has_a_form_made_of_its_schema() -> None:
         "required": ["width_m"],
         "additionalProperties": False,
     }
-    sweep = KnownKind(kind="sweep", parameters=schema, robots=["r1"])
-    labels = [field.label for field in task_fields(sweep)]
+    mow = KnownKind(kind="mow", parameters=schema, robots=["r1"])
+    labels = [field.label for field in task_fields(mow)]
     assert labels[:3] == ["place.x_m", "place.y_m", "width_m"]
     assert "gently" in labels
     place = {"x_m": 1.0, "y_m": 2.0}
-    submission = form_submission(sweep, {"place": place, "width_m": 2.0, "gently": True, "priority": 3.0})
+    submission = form_submission(mow, {"place": place, "width_m": 2.0, "gently": True, "priority": 3.0})
     assert submission.task.parameters == {"width_m": 2.0, "gently": True}
     assert submission.task.priority == 3.0
     with pytest.raises(ValueError, match=r"width_m: -2\.0 is less than or equal to the minimum of 0"):
-        form_submission(sweep, {"place": place, "width_m": -2.0})
+        form_submission(mow, {"place": place, "width_m": -2.0})
 
 
 @pytest.mark.slow

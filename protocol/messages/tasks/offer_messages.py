@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.messages.message import Message, Result
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Count, Duration, Epoch, Length, Name, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import OfferRefusal, TaskReason, sentence_of
@@ -89,6 +90,10 @@ class TaskCost(msgspec.Struct, frozen=True, kw_only=True):
     """Time standing."""
     radio_packets: Count = 0
     """Packets sent to motes."""
+    carried_kg_m: Annotated[float, Meta(ge=0.0, le=1e12)] = 0.0
+    """Payload times the length of the path on which it is carried, summed."""
+    ends_at: Point2D | None = None
+    """Where the robot is after it, arena frame; None for the task's place."""
     why: Text = ""
     """Why the robot cannot estimate it; empty if it can."""
 

@@ -21,6 +21,12 @@ SEEK: Final = "seek"
 REPLACE: Final = "replace"
 RECHARGE: Final = "recharge"
 PATROL: Final = "patrol"
+DELIVER: Final = "deliver"
+SWEEP: Final = "sweep"
+FOLLOW: Final = "follow"
+GUARD: Final = "guard"
+Area = Annotated[list[Point2D], Meta(min_length=3, max_length=64)]
+Kilograms = Annotated[float, Meta(ge=0.0, le=1e5)]
 
 
 class TaskParameters(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -141,6 +147,57 @@ class Patrol(TaskParameters, frozen=True, kw_only=True):
     """Time at each place."""
 
 
+class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A further item of a delivery."""
+
+    pick_up: Point2D
+    """Arena frame."""
+    to: Point2D
+    payload_kg: Kilograms = 0.0
+
+
+class Deliver(TaskParameters, frozen=True, kw_only=True):
+    """Pick up an item at the task's place and bring it somewhere; further items on the same trip.
+
+    The robot stops for `service_s` at each place. Result: `delivered` items, `carried_kg_m`.
+    """
+
+    to: Point2D
+    """Where the item goes, arena frame."""
+    payload_kg: Kilograms = 0.0
+    """Mass of the item."""
+    items: Annotated[list[Item], Meta(max_length=15)] = []
+    """Further items. The robot chooses the order of its stops within its capacity."""
+
+
+class Sweep(TaskParameters, frozen=True, kw_only=True):
+    """Drive over an area in lanes. Result: `covered_share` of the floor that the robot can reach there, `lanes`."""
+
+    area: Area
+    """Corners in order, arena frame, or the name of a zone."""
+    width_m: Annotated[float, Meta(ge=0.1, le=100.0)]
+    """Working width: greatest distance between two lanes."""
+
+
+class Follow(TaskParameters, frozen=True, kw_only=True):
+    """Follow a robot, or a point that moves. Result: `near_share` of the time, `moved_m`."""
+
+    duration_s: PositiveDuration
+    robot: Name = ""
+    """The robot; without it the point, first the task's place, which the plugin's call `point` moves."""
+    distance_m: Annotated[float, Meta(ge=0.5, le=100.0)] = 1.5
+    """Distance at which the robot stops."""
+
+
+class Guard(Monitor, frozen=True, kw_only=True):
+    """Stand where most of an area is seen, and report changes there. Result: as of monitor, and `seen_share`."""
+
+    area: Area
+    """Corners in order, arena frame, or the name of a zone."""
+    views: Annotated[int, Meta(ge=1, le=16)] = 1
+    """Directions per round, spread evenly over the area."""
+
+
 STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
     {
         VISIT: TaskParameters,
@@ -154,6 +211,10 @@ STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
         SEEK: Seek,
         RECHARGE: Recharge,
         PATROL: Patrol,
+        DELIVER: Deliver,
+        SWEEP: Sweep,
+        FOLLOW: Follow,
+        GUARD: Guard,
     }
 )
 """The type of the parameters of each kind."""

@@ -9,7 +9,11 @@ from robrain.protocol.model.tasks.old_form import upgraded, upgraded_json
 from robrain.protocol.model.tasks.stock_kinds import (
     STOCK_KINDS,
     Collect,
+    Deliver,
+    Follow,
+    Guard,
     Inspect,
+    Item,
     Monitor,
     Patrol,
     Recharge,
@@ -17,6 +21,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     Replace,
     Seek,
     Sense,
+    Sweep,
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task
@@ -26,6 +31,7 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "tasks"
 OLD = Path(__file__).parents[1] / "golden" / "old_tasks"
 """The same tasks as they were written when each kind was a struct of its own."""
 PLACE = Point2D(1.5, -2.0)
+AREA = [Point2D(0.0, 0.0), Point2D(4.0, 0.0), Point2D(4.0, 3.0)]
 
 
 def task(kind, parameters=None, **fields):
@@ -38,6 +44,10 @@ EXAMPLES = [
     task("inspect", Inspect(look_at=Point2D(2.0, 2.0)), needs=("camera",), after=("visit-1",)),
     task("collect", Collect(mote="m3", timeout_s=30.0)),
     task("patrol", Patrol(stops=[Point2D(3.0, 1.0)], rounds=2, pause_s=5.0)),
+    task("deliver", Deliver(to=PLACE, payload_kg=2.5, items=[Item(pick_up=Point2D(3.0, 1.0), to=Point2D(1.0, 1.0))])),
+    task("sweep", Sweep(area=AREA, width_m=0.5)),
+    task("follow", Follow(robot="r2", duration_s=60.0, distance_m=2.0)),
+    task("guard", Guard(area=AREA, duration_s=60.0, interval_s=10.0, views=2)),
     task("relay", Relay(mote="m3", duration_s=120.0, rssi_min_dbm=-80.0), robots=2),
     task("monitor", Monitor(duration_s=600.0, interval_s=60.0, views=6)),
     task("explore"),
@@ -46,7 +56,7 @@ EXAMPLES = [
     task("seek", Seek(quantity="light_lx", duration_s=90.0, reach_m=8.0)),
     task("recharge", Recharge(yaw_rad=0.5, until_soc=0.8)),
 ]
-NEVER_OLD = {"patrol", "seek"}
+NEVER_OLD = {"patrol", "seek", "deliver", "sweep", "follow", "guard"}
 """Kinds that are younger than the form of today."""
 each = pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.kind)
 

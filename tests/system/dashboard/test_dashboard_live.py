@@ -111,8 +111,8 @@ def _kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Page, plu
     page.get_by_role("button", name="Load", exact=True).click()
     _is_reported(page, f"load {plugin_folder}", "done")
     page.get_by_role("tab", name="Tasks", exact=True).click()
-    until(lambda: "sweep" in _options(page, "Kind"), "the form does not know the kind", pause_s=0.5)
-    page.get_by_role("option", name="sweep", exact=True).click()
+    until(lambda: "mow" in _options(page, "Kind"), "the form does not know the kind", pause_s=0.5)
+    page.get_by_role("option", name="mow", exact=True).click()
     _unfold(page, "Coordinates and options", "width (m)")
     for label, value in (("x (m)", "3"), ("y (m)", "3"), ("width (m)", "-1"), ("height (m)", "0.4")):
         _fill(page, label, value)
@@ -124,7 +124,7 @@ def _kind_of_task_that_only_one_robot_knows_is_asked_for_by_form(page: Page, plu
     before = _said_of_tasks(page)
     page.get_by_role("button", name="Add task at these coordinates", exact=True).click()
     said = _answer_to_task(page, before)
-    assert said.startswith("✓ sweep-")
+    assert said.startswith("✓ mow-")
     expect(page.get_by_test_id(f"task-{said.split()[1]}-state")).to_contain_text("done", timeout=PATIENCE_S * 1000)
 
 
