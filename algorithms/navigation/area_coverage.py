@@ -24,7 +24,7 @@ Strip = list[Lane]
 PathLengths = Callable[[Point2D, Sequence[Point2D]], Sequence[float]]
 """Lengths in metres of the paths from a place to others; inf where there is none."""
 VIEWED_MAX = 200
-STANDS_MAX = 150
+VIEWPOINTS_MAX = 150
 """Largest numbers of viewed cells and of places that are compared; of more cells, evenly drawn ones."""
 
 
@@ -103,23 +103,23 @@ def overlook(
 
     """
     viewed = _some(np.argwhere(floor_of(area, classes == FREE, geometry)), VIEWED_MAX)
-    stands = np.argwhere(traversable)
+    viewpoints = np.argwhere(traversable)
     if not len(viewed):
         return None
     reach = within_m / geometry.resolution_m
     middle = viewed.mean(axis=0)
-    stands = _some(stands[np.hypot(*(stands - middle).T) <= reach], STANDS_MAX)
+    viewpoints = _some(viewpoints[np.hypot(*(viewpoints - middle).T) <= reach], VIEWPOINTS_MAX)
     steps = np.linspace(0.0, 1.0, max(2, 2 * math.ceil(reach)))[:, np.newaxis, np.newaxis]
-    counts = np.zeros(len(stands), np.int64)
-    for number, stand in enumerate(stands):
-        ends = viewed[np.hypot(*(viewed - stand).T) <= reach]
-        rows, columns = np.floor(stand + steps * (ends - stand) + 0.5).astype(np.int64).transpose(2, 0, 1)
+    counts = np.zeros(len(viewpoints), np.int64)
+    for number, viewpoint in enumerate(viewpoints):
+        ends = viewed[np.hypot(*(viewed - viewpoint).T) <= reach]
+        rows, columns = np.floor(viewpoint + steps * (ends - viewpoint) + 0.5).astype(np.int64).transpose(2, 0, 1)
         counts[number] = np.count_nonzero((classes[rows, columns] != OCCUPIED).all(axis=0))
     if not counts.any():
         return None
     # Of places that see equally much, the nearest to the area's middle.
-    best = np.lexsort((np.hypot(*(stands - middle).T), -counts))[0]
-    return geometry.center_of(*map(int, stands[best])), float(counts[best] / len(viewed))
+    best = np.lexsort((np.hypot(*(viewpoints - middle).T), -counts))[0]
+    return geometry.center_of(*map(int, viewpoints[best])), float(counts[best] / len(viewed))
 
 
 def centres_of(floor: NDArray[np.bool_], geometry: GridGeometry) -> Floats:

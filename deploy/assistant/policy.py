@@ -108,7 +108,8 @@ READS: Mapping[str, frozenset[str]] = MappingProxyType(
         "mapper": frozenset({"known_area_m2", "counters"}),
         "explore": frozenset({"goal"}),
         **dict.fromkeys(
-            ("visit", "inspect", "collect", "relay", "monitor", "sense", "seek", "replace", "patrol", "deliver", "sweep", "follow", "guard", "recharge"),
+            ("visit", "inspect", "collect", "relay", "monitor", "sense", "seek", "replace", "patrol", "deliver",
+             "sweep", "follow", "guard", "recharge"),
             frozenset({"doing"}),
         ),
     }

@@ -17,7 +17,7 @@ class DeliverBehavior(Errand[Deliver]):
     """Picks up items and brings them to their places."""
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
-        """What the robot can carry."""
+        """Capacity of the robot."""
 
         capacity_kg: Positive = 10.0
 

@@ -21,7 +21,7 @@ from robrain.plugins.device.camera import CameraInterface
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.skill.planner import PlannerInterface
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
+from robrain.protocol.model.geometry import wrap_angle_rad
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.stock_kinds import GUARD, MONITOR, Guard, Monitor
 from robrain.protocol.model.tasks.task import Task
@@ -250,8 +250,8 @@ class GuardBehavior(MonitorBehavior):
         found = overlook(view.classes, grid.traversable, grid.geometry, guard.area, self.parameters.range_m)
         if found is None:
             raise Failed("no place is known from which the area is seen")
-        stand, seen_share = found
-        yield from self.go(stand)
+        viewpoint, seen_share = found
+        yield from self.go(viewpoint)
         at = self.travel.place()
         x_m, y_m = (sum(getattr(corner, axis) for corner in guard.area) / len(guard.area) for axis in ("x_m", "y_m"))
         ahead_rad = math.atan2(y_m - at.y_m, x_m - at.x_m)

@@ -5,7 +5,6 @@ import pytest
 from robrain.protocol.model.energy_model import CARRY_J_PER_KG_M
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
-from tests.plugins.behavior.errands import Errands
 
 pytestmark = pytest.mark.slow
 SHELF, DOCK = Point2D(4.8, 3.2), Point2D(1.0, 3.0)
