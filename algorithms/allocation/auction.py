@@ -109,11 +109,12 @@ def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
         return ""
     energy_j = problem.energy_j[worker.profile]
     jobs = [problem.jobs[problem.job_index[stop.job]] for stop in route.stops]
-    places = [worker.start, *(job.place for job in jobs), route.end_place]
     best, best_ratio = route.stops[-1].job, -np.inf
-    for position, job in enumerate(jobs):
-        before, here, after = places[position : position + 3]
-        saved_j = float(energy_j[before, here] + energy_j[here, after] - energy_j[before, after]) + job.service_j
+    before = worker.start
+    for job, after in zip(jobs, [*(job.place for job in jobs[1:]), route.end_place], strict=True):
+        path_j = energy_j[before, job.place] + energy_j[job.exit_place, after] - energy_j[before, after]
+        saved_j = float(path_j) + job.service_j
+        before = job.exit_place
         ratio = saved_j / max(job.prize_j, 1e-9)
         if not job.pinned_to and ratio > best_ratio:
             best, best_ratio = job.id, ratio
@@ -391,24 +392,27 @@ def queue_nearest(
         winner, least_j = -1, math.inf
         length = routes.length[taker]
         profile = team.profile[taker]
-        place = team.start[taker] if length == 0 else visits.place[routes.order[taker, length - 1]]
+        place = team.start[taker] if length == 0 else visits.exit_place[routes.order[taker, length - 1]]
         for visit in range(count):
             if not open_visits[visit] or not visits.allowed[taker, visit]:
                 continue
-            here = visits.place[visit]
+            here, leaves_from = visits.place[visit], visits.exit_place[visit]
             path_j = team.energy_j[profile, place, here] + visits.service_j[visit]
             if not path_j < least_j or (rule == BY_ENERGY and not path_j < visits.prize_j[visit]):
                 continue
             arrive_s = routes.leave_s[taker, length] + team.time_s[profile, place, here]
             start_s = max(arrive_s, visits.earliest_s[visit])
             end_s = start_s + visits.service_s[visit]
-            if not (start_s <= visits.latest_s[visit] and end_s + team.end_s[taker, here] <= team.horizon_s):
+            if not (start_s <= visits.latest_s[visit] and end_s + team.end_s[taker, leaves_from] <= team.horizon_s):
                 continue
             wait_s = routes.wait_s[taker] + start_s - arrive_s
             spent_j = routes.spent_j[taker] - routes.wait_s[taker] * team.wait_w[taker]
             if length > 0:
                 spent_j -= team.end_j[taker, place]
-            if not spent_j + path_j + team.end_j[taker, here] + wait_s * team.wait_w[taker] <= team.usable_j[taker]:
+            if (
+                not spent_j + path_j + team.end_j[taker, leaves_from] + wait_s * team.wait_w[taker]
+                <= team.usable_j[taker]
+            ):
                 continue
             winner, least_j = visit, path_j
         if winner < 0:

@@ -101,7 +101,7 @@ def _pinned_ends(problem: Problem, arrays: ProblemArrays) -> dict[int, float]:
         for index in jobs:
             job = problem.jobs[index]
             now_s += float(problem.time_s[worker.profile, place, job.place])
-            now_s, place = max(now_s, job.earliest_s) + job.service_s, job.place
+            now_s, place = max(now_s, job.earliest_s) + job.service_s, job.exit_place
             ends_s[index] = now_s
     return ends_s
 
@@ -254,7 +254,7 @@ def _latest_starts(problem: Problem, plan: Plan, end_s: float) -> dict[str, floa
             limit_s, place = end_s, route.end_place
             for stop in reversed(route.stops):
                 job = jobs[stop.job]
-                limit_s = min(limit_s - float(time_s[job.place, place]), job.latest_s)
+                limit_s = min(limit_s - float(time_s[job.exit_place, place]), job.latest_s)
                 for other in followers.get(job.id, ()):
                     limit_s = min(limit_s, latest_s[other])
                 limit_s = min(limit_s - job.service_s, latest_s[job.id])

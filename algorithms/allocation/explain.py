@@ -98,7 +98,7 @@ def _bid(
     if judged.code != FITS:
         return RobotVerdict.judged(worker.name, exclusion(judged, worker, job, problem.horizon_s))
     before = routes.order[index, judged.position - 1]
-    place = arrays.visits.place[before] if judged.position else arrays.team.start[index]
+    place = arrays.visits.exit_place[before] if judged.position else arrays.team.start[index]
     path = worker.profile, place, job.place
     arrives_in_s = routes.leave_s[index, judged.position] + problem.time_s[path]
     left_j = max(0.0, judged.left_j + worker.reserve_j)
@@ -136,7 +136,7 @@ def judge_visit(
 ) -> tuple[int, float, float, float, int]:
     """Compute the fields of a `Judgement`."""
     profile = team.profile[worker]
-    here = visits.place[visit]
+    here, leaves_from = visits.place[visit], visits.exit_place[visit]
     if not visits.allowed[worker, visit]:
         return LACKS, math.inf, math.inf, math.inf, -1
     best_j, lacking_j, position, lacking_position = math.inf, math.inf, -1, -1
@@ -152,13 +152,13 @@ def judge_visit(
     if position < 0:
         arrive_s = team.ready_s[worker] + team.time_s[profile, team.start[worker], here]
         start_s = max(arrive_s, visits.earliest_s[visit])
-        path_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, here]
+        path_j = team.energy_j[profile, team.start[worker], here] + team.end_j[worker, leaves_from]
         if not path_j < math.inf:
             return NO_PATH, math.inf, math.inf, math.inf, -1
-        end_s = start_s + visits.service_s[visit] + team.end_s[worker, here]
+        end_s = start_s + visits.service_s[visit] + team.end_s[worker, leaves_from]
         is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
         return TOO_LATE if is_late else CROWDED, math.inf, start_s, math.inf, -1
-    place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
+    place = team.start[worker] if position == 0 else visits.exit_place[routes.order[worker, position - 1]]
     arrive_s = routes.leave_s[worker, position] + team.time_s[profile, place, here]
     start_s = max(arrive_s, visits.earliest_s[visit])
     left_j = team.usable_j[worker] - routes.spent_j[worker] - best_j

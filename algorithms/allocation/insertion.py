@@ -65,7 +65,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
         visit = routes.order[worker, position]
         now_s += team.time_s[profile, place, visits.place[visit]]
         spent_j += team.energy_j[profile, place, visits.place[visit]] + visits.service_j[visit]
-        place = visits.place[visit]
+        place = visits.exit_place[visit]
         if now_s < visits.earliest_s[visit]:
             wait_s += visits.earliest_s[visit] - now_s
             now_s = visits.earliest_s[visit]
@@ -81,7 +81,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
     routes.late_s[worker, length] = late_s
     for position in range(length - 1, -1, -1):
         visit = routes.order[worker, position]
-        here = visits.place[visit]
+        here = visits.exit_place[visit]
         if position == length - 1:
             late_s -= team.end_s[worker, here]
         else:
@@ -110,7 +110,7 @@ def _finish(
     for index in range(position, routes.length[worker]):
         visit = routes.order[worker, index]
         now_s += team.time_s[profile, place, visits.place[visit]]
-        place = visits.place[visit]
+        place = visits.exit_place[visit]
         if now_s < visits.earliest_s[visit]:
             wait_s += visits.earliest_s[visit] - now_s
             now_s = visits.earliest_s[visit]
@@ -131,19 +131,19 @@ def insertion_at(
     """
     profile = team.profile[worker]
     length = routes.length[worker]
-    here = visits.place[visit]
-    place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
+    here, leaves_from = visits.place[visit], visits.exit_place[visit]
+    place = team.start[worker] if position == 0 else visits.exit_place[routes.order[worker, position - 1]]
     if position == length:
-        back_s = team.end_s[worker, here]
+        back_s = team.end_s[worker, leaves_from]
         old_s = team.end_s[worker, place]
-        more_j = team.end_j[worker, here]
+        more_j = team.end_j[worker, leaves_from]
         if length > 0:
             more_j -= team.end_j[worker, place]
     else:
         following = visits.place[routes.order[worker, position]]
-        back_s = team.time_s[profile, here, following]
+        back_s = team.time_s[profile, leaves_from, following]
         old_s = team.time_s[profile, place, following]
-        more_j = team.energy_j[profile, here, following] - team.energy_j[profile, place, following]
+        more_j = team.energy_j[profile, leaves_from, following] - team.energy_j[profile, place, following]
     more_j += team.energy_j[profile, place, here] + visits.service_j[visit]
     arrive_s = routes.leave_s[worker, position] + team.time_s[profile, place, here]
     start_s = max(arrive_s, visits.earliest_s[visit])
@@ -157,7 +157,7 @@ def insertion_at(
     end_s = routes.end_s[worker]
     wait_j = routes.wait_s[worker] * team.wait_w[worker]
     if routes.wait_s[worker] > 0 or team.wait_w[worker] > 0:
-        end_s, wait_s = _finish(team, visits, routes, worker, here, leave_s, position)
+        end_s, wait_s = _finish(team, visits, routes, worker, leaves_from, leave_s, position)
         wait_s += start_s - arrive_s
         for index in range(position):
             before = routes.order[worker, index]
@@ -192,7 +192,7 @@ def cheapest_insertion(
 @njit(cache=True, nogil=True)
 def _arrival(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, position: int) -> float:
     visit = routes.order[worker, position]
-    place = team.start[worker] if position == 0 else visits.place[routes.order[worker, position - 1]]
+    place = team.start[worker] if position == 0 else visits.exit_place[routes.order[worker, position - 1]]
     arrive_s: float = routes.leave_s[worker, position] + team.time_s[team.profile[worker], place, visits.place[visit]]
     return arrive_s
 

@@ -148,7 +148,7 @@ def _earliest_starts(problem: Problem, orders: Sequence[Sequence[str]]) -> dict[
                 if start_s != starts_s.get(name):
                     starts_s[name] = start_s
                     is_settled = False
-                now_s, place = start_s + job.service_s, job.place
+                now_s, place = start_s + job.service_s, job.exit_place
         if is_settled or not coupled:
             return starts_s
     return None
@@ -165,7 +165,7 @@ def _route(problem: Problem, worker: Worker, order: Sequence[str], starts_s: Map
         arrive_s = now_s + float(time_s[place, job.place])
         start_s = starts_s[name]
         spent_j += float(energy_j[place, job.place]) + job.service_j + worker.wait_w * (start_s - arrive_s)
-        now_s, place = start_s + job.service_s, job.place
+        now_s, place = start_s + job.service_s, job.exit_place
         stops.append(Stop(name, arrive_s, start_s, now_s, worker.usable_j - spent_j))
     end_place = nearest_end(problem, worker, place)
     spent_j += float(energy_j[place, end_place])

@@ -33,6 +33,9 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     service_s: float = 0.0
     service_j: float = 0.0
     """Energy that each of its robots spends at the place."""
+    end_place: int | None = None
+    """Place where the job ends, if it is another one; the next path begins there. `service_s` and `service_j` include
+    the path from `place` to it."""
     earliest_s: float = 0.0
     """Earliest start; a robot that arrives earlier waits."""
     latest_s: float = math.inf
@@ -62,6 +65,11 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
             raise ValueError(
                 f"job {self.id}: expected one robot for a job that {self.pinned_to} is at, got {self.robots}"
             )
+
+    @property
+    def exit_place(self) -> int:
+        """Place where its robots are at its end."""
+        return self.place if self.end_place is None else self.end_place
 
     def admits(self, worker: "Worker") -> bool:
         """Whether the worker offers what the job needs and is not excluded."""
@@ -135,8 +143,9 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             raise ValueError("expected each job id and each worker name once")
         places = range(shape[1])
         for job in self.jobs:
-            if job.place not in places:
-                raise ValueError(f"job {job.id}: expected a place from 0 to {shape[1] - 1}, got {job.place}")
+            for place in (job.place, job.exit_place):
+                if place not in places:
+                    raise ValueError(f"job {job.id}: expected a place from 0 to {shape[1] - 1}, got {place}")
             if job.pinned_to and job.pinned_to not in self.worker_index:
                 raise ValueError(f"job {job.id}: expected pinned_to to be a worker, got {job.pinned_to}")
             if job.pinned_to and self.predecessors(job):
@@ -202,6 +211,8 @@ class VisitArrays(NamedTuple):
     job: Indices
     """Index into the problem's jobs."""
     place: Indices
+    exit_place: Indices
+    """Where the worker is at the end of the visit."""
     prize_j: Floats
     """The job's prize, divided among its visits."""
     service_s: Floats
@@ -217,6 +228,7 @@ class VisitArrays(NamedTuple):
         return VisitArrays(
             self.job[rows],
             self.place[rows],
+            self.exit_place[rows],
             self.prize_j[rows],
             self.service_s[rows],
             self.service_j[rows],
@@ -266,6 +278,7 @@ def make_arrays(problem: Problem) -> ProblemArrays:
     visits = VisitArrays(
         np.array(jobs, np.int64),
         np.array([job.place for job in chosen], np.int64),
+        np.array([job.exit_place for job in chosen], np.int64),
         np.array([job.prize_j / job.robots for job in chosen], np.float64),
         np.array([job.service_s for job in chosen], np.float64),
         np.array([job.service_j for job in chosen], np.float64),
@@ -309,12 +322,12 @@ def _finish_running(
             needs = tuple(sorted(job.needs))
             text = f"{job.pinned_to} is at it and lacks {', '.join(needs)}"
             refused[index] = plain("holder_lacks", text, robot=job.pinned_to, plugins=needs)
-        elif end_s > job.latest_s or end_s + team.end_s[at, job.place] > problem.horizon_s:
+        elif end_s > job.latest_s or end_s + team.end_s[at, job.exit_place] > problem.horizon_s:
             text = f"{job.pinned_to} is at it and cannot end it in time"
             refused[index] = plain("holder_late", text, robot=job.pinned_to)
-        elif not left_j >= team.end_j[at, job.place]:
+        elif not left_j >= team.end_j[at, job.exit_place]:
             refused[index] = HolderLacksEnergy(job.pinned_to)
         else:
-            team.start[at], team.ready_s[at], team.usable_j[at] = job.place, end_s, left_j
+            team.start[at], team.ready_s[at], team.usable_j[at] = job.exit_place, end_s, left_j
             pinned[at].append(index)
     return tuple(tuple(jobs) for jobs in pinned), refused

@@ -44,7 +44,7 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
         left_j -= worker.wait_w * (stop.start_s - arrive_s) + job.service_j
         if not abs(left_j - stop.left_j) <= SLACK:
             faults.append(f"{worker.name} has {left_j:.3f} J after {job.id}, not {stop.left_j:.3f} J")
-        now_s, place = stop.end_s, job.place
+        now_s, place = stop.end_s, job.place if job.end_place is None else job.end_place
     if not route.stops:
         return faults
     if route.end_place not in worker.ends:

@@ -153,7 +153,7 @@ class VrpModel:
     def _matrices(self, visits: VisitArrays) -> tuple[list[Matrix], list[Matrix]]:
         """Matrices for each kind of worker; locations are the visits, then a start for each worker, then the ends."""
         team, count = self._team, self._count
-        places = np.concatenate((visits.place, team.start[self._workers])).astype(np.int64)
+        origins = np.concatenate((visits.exit_place, team.start[self._workers])).astype(np.int64)
         forbidden = max(self._budgets, default=0) + 1
         nothing, everything = np.zeros(count), np.ones(count, np.bool_)
         energies: list[Matrix] = []
@@ -162,19 +162,37 @@ class VrpModel:
             of_kind = [worker for worker in self._workers if self._kind_of[worker] == kind]
             profile = int(team.profile[of_kind[0]])
             allowed = np.ones(count, np.bool_) if self._loads else np.ascontiguousarray(visits.allowed[of_kind[0]])
-            end_j = np.zeros((len(places), len(self._end_sets)))
+            end_j = np.zeros((len(origins), len(self._end_sets)))
             end_s = np.zeros_like(end_j)
             for worker in of_kind:
-                end_j[:, self._end_of[worker]] = team.end_j[worker, places]
-                end_s[:, self._end_of[worker]] = team.end_s[worker, places]
+                end_j[:, self._end_of[worker]] = team.end_j[worker, origins]
+                end_s[:, self._end_of[worker]] = team.end_s[worker, origins]
             energies.append(
                 fill_matrix(
-                    team.energy_j[profile], places, allowed, visits.service_j, end_j, self._units_per_j, forbidden, True
+                    team.energy_j[profile],
+                    origins,
+                    visits.place,
+                    allowed,
+                    visits.service_j,
+                    end_j,
+                    self._units_per_j,
+                    forbidden,
+                    True,
                 )
             )
             # A missing path is forbidden by its distance; its duration does not matter.
             times.append(
-                fill_matrix(team.time_s[profile], places, everything, nothing, end_s, self._units_per_s, 0, False)
+                fill_matrix(
+                    team.time_s[profile],
+                    origins,
+                    visits.place,
+                    everything,
+                    nothing,
+                    end_s,
+                    self._units_per_s,
+                    0,
+                    False,
+                )
             )
         return energies, times
 
@@ -246,6 +264,7 @@ class VrpModel:
 @njit(cache=True, nogil=True)
 def fill_matrix(
     legs: Floats,
+    origins: Indices,
     places: Indices,
     allowed: NDArray[np.bool_],
     service: Floats,
@@ -258,7 +277,8 @@ def fill_matrix(
 
     Args:
         legs: (n, n) joules or seconds between places.
-        places: (m,) of the visits, then of the starts.
+        origins: (m,) places at the ends of the visits, then the starts.
+        places: (visits,) of the visits.
         allowed: (visits,) visits that this kind of worker may make.
         service: (visits,) added to every path to the visit.
         ends: (m, e) from each place to each end.
@@ -274,7 +294,7 @@ def fill_matrix(
     visits = len(allowed)
     matrix = np.zeros((count + end_count, count + end_count), np.int64)
     for row in range(count):
-        here = places[row]
+        here = origins[row]
         for column in range(visits):
             if row != column:
                 length = legs[here, places[column]] + service[column] if allowed[column] else math.inf

@@ -26,4 +26,6 @@ def warm_up() -> None:
     for objective in Objective:
         AuctionAllocator(objective).plan(problem)
         GreedyAllocator(objective).plan(problem)
-    fill_matrix(legs[0], np.array([1, 0]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True)
+    fill_matrix(
+        legs[0], np.array([1, 0]), np.array([1]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True
+    )

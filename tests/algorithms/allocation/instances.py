@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.problem import Job, Problem, Worker
@@ -21,6 +22,7 @@ def team_problem(
     needs: float = 0.0,
     after: float = 0.0,
     pairs: float = 0.0,
+    driven: float = 0.0,
     wait_w: float = 0.0,
     late_start: float = 0.0,
     prize_j: tuple[float, float] | None = (2.0, 10.0),
@@ -38,6 +40,7 @@ def team_problem(
         needs: share with a need.
         after: share with a predecessor.
         pairs: share for two robots at once.
+        driven: share that ends at the place of another task.
         wait_w: what waiting draws.
         late_start: robots are ready up to this many seconds late.
         prize_j: in units of a typical leg's energy, from and to; None makes jobs worth more than anything.
@@ -103,5 +106,16 @@ def team_problem(
                 after=tuple(earlier),
                 robots=2 if robots > 1 and rng.random() < pairs else 1,
             )
+        )
+    for index in np.flatnonzero(rng.random(tasks) < driven).tolist() if driven else ():
+        end_place = int(rng.integers(tasks))
+        path_m = float(paths_m[index, end_place])
+        # Of the slowest and the dearest robot.
+        jobs[index] = msgspec.structs.replace(
+            jobs[index],
+            end_place=end_place,
+            service_s=jobs[index].service_s + path_m / min(SPEEDS_M_S),
+            service_j=jobs[index].service_j
+            + path_m * max(power / speed for power, speed in zip(POWERS_W, SPEEDS_M_S, strict=True)),
         )
     return Problem(jobs=tuple(jobs), workers=tuple(workers), energy_j=energy_j, time_s=time_s)

@@ -53,17 +53,17 @@ def exact_plan(problem: Problem, objective: Objective = Objective.ENERGY, limit_
             model.add(start[index] >= _units(worker.ready_s + time[worker.start, job.place])).only_enforce_if(first)
             last = model.new_bool_var("")
             arcs.append((index + 1, 0, last))
-            charger = worker.ends[int(np.argmin(energy[job.place, list(worker.ends)]))]
-            terms.append(_units(energy[job.place, charger]) * last)
-            model.add(end == start[index] + _units(job.service_s + time[job.place, charger])).only_enforce_if(last)
+            charger = worker.ends[int(np.argmin(energy[job.exit_place, list(worker.ends)]))]
+            terms.append(_units(energy[job.exit_place, charger]) * last)
+            model.add(end == start[index] + _units(job.service_s + time[job.exit_place, charger])).only_enforce_if(last)
             for other_index, other in enumerate(problem.jobs):
                 if other_index == index:
                     continue
                 way = model.new_bool_var("")
                 arcs.append((index + 1, other_index + 1, way))
                 ways[index + 1, other_index + 1] = way
-                terms.append(_units(energy[job.place, other.place] + other.service_j) * way)
-                gap = _units(job.service_s + time[job.place, other.place])
+                terms.append(_units(energy[job.exit_place, other.place] + other.service_j) * way)
+                gap = _units(job.service_s + time[job.exit_place, other.place])
                 model.add(start[other_index] >= start[index] + gap).only_enforce_if(way)
         model.add_circuit(arcs)
         spent = cp_model.LinearExpr.sum(terms)

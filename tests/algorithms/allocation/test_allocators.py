@@ -54,6 +54,7 @@ def problems(draw):
         needs=draw(share),
         after=draw(share),
         pairs=draw(share),
+        driven=draw(share),
         wait_w=draw(st.sampled_from([0.0, 0.0, 5.0])),
         late_start=draw(st.sampled_from([0.0, 30.0])),
         chargers=2,
@@ -194,6 +195,18 @@ def test_dear_first_job_is_done_for_what_follows_it():
         assert set(allocator.plan(problem, iterations=20).orders[0]) == {"a", "b"}
 
 
+@pytest.mark.parametrize("kind", [GreedyAllocator, AuctionAllocator, optimal])
+@pytest.mark.parametrize(("usable_j", "done"), [(9.0, 2), (8.9, 1)])
+def test_the_next_path_begins_where_a_job_ends(kind, usable_j, done):
+    """1 J to 1, 4 J along 1 to 5, 1 J to 4, 4 J home; from 1 or with the return from 1, it would take other sums."""
+    moved, next_to_it = job("moved", 1, end_place=5, service_j=3.0, service_s=4.0), job("next", 4)
+    plan = kind(Objective.ENERGY).plan(line([moved, next_to_it], [worker("r1", usable_j=usable_j)]), iterations=20)
+    assert len(plan.routes[0].stops) == done
+    if done == 2:
+        assert plan.orders == (("moved", "next"),)
+        assert plan.routes[0].end_s == 10.0
+
+
 @pytest.mark.parametrize(("usable_j", "done"), [(6.0, ("a",)), (5.9, ())])
 def test_a_robot_that_waits_for_what_it_is_at_needs_the_energy_to_wait(usable_j, done):
     """It is there at 1 s and waits 4 s at 1 W; the way there and back takes 2 J."""
@@ -243,8 +256,9 @@ SIZES = [(2, 8), (4, 8), (6, 6)]
         {"prize_j": None, "tightness": None},
         {"tightness": 0.9},
         {"tightness": 0.9, "windows": 0.4, "needs": 0.3, "late_start": 20.0},
+        {"tightness": 0.9, "windows": 0.4, "driven": 0.5},
     ],
-    ids=["energy", "prizes", "windows and needs"],
+    ids=["energy", "prizes", "windows and needs", "other ends"],
 )
 def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, kind):
     problem = team_problem(robots, tasks, 0, **kind)

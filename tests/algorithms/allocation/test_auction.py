@@ -26,7 +26,7 @@ class _Walk(NamedTuple):
     is_in_time: bool
 
 
-def _instance(seed: int, *, wait_w: float, windows: bool) -> tuple[TeamArrays, VisitArrays]:
+def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.0) -> tuple[TeamArrays, VisitArrays]:
     """4 workers of 2 profiles and 12 visits on a plane: detours are never shorter.
 
     With windows nobody lacks energy: where waiting takes energy, the compiled auction does not bid again for a visit
@@ -56,6 +56,7 @@ def _instance(seed: int, *, wait_w: float, windows: bool) -> tuple[TeamArrays, V
     visits = VisitArrays(
         np.arange(count),
         workers + np.arange(count),
+        workers + np.arange(count),
         draw.uniform(20.0, 900.0, count),
         draw.uniform(0.0, 30.0, count),
         draw.uniform(0.0, 50.0, count),
@@ -63,6 +64,11 @@ def _instance(seed: int, *, wait_w: float, windows: bool) -> tuple[TeamArrays, V
         earliest_s + draw.uniform(10.0, 200.0, count) if windows else np.full(count, HORIZON_S),
         draw.random((workers, count)) < 0.8,
     )
+    for visit in range(round(exit_share * count)):
+        exit_place = workers + int(draw.integers(count))
+        visits.exit_place[visit] = exit_place
+        visits.service_s[visit] += distance_m[workers + visit, exit_place]
+        visits.service_j[visit] += 5.0 * distance_m[workers + visit, exit_place]
     return team, visits
 
 
@@ -76,7 +82,7 @@ def _walk(team: TeamArrays, visits: VisitArrays, worker: int, route: list[int]) 
         start_s = max(now_s, visits.earliest_s[visit])
         waited_s += start_s - now_s
         is_in_time &= start_s <= visits.latest_s[visit]
-        now_s, place = start_s + visits.service_s[visit], here
+        now_s, place = start_s + visits.service_s[visit], visits.exit_place[visit]
     if route:
         now_s += team.end_s[worker, place]
         spent_j += team.end_j[worker, place] + waited_s * team.wait_w[worker]
@@ -126,11 +132,16 @@ def _orders(routes: RouteBatch) -> list[list[int]]:
 
 @pytest.mark.parametrize("choice", [LEAST_BID, GREATEST_GAIN, LEAST_PER_PRIZE])
 @pytest.mark.parametrize("rule", [BY_ENERGY, BY_FINISH, BY_LEAST_LEFT])
-@pytest.mark.parametrize(("wait_w", "windows"), [(0.0, False), (0.5, False), (0.5, True)])
-def test_auction_gives_the_routes_of_the_plain_one(rule: int, choice: int, wait_w: float, windows: bool) -> None:
+@pytest.mark.parametrize(
+    ("wait_w", "windows", "exit_share"),
+    [(0.0, False, 0.0), (0.5, False, 0.0), (0.5, True, 0.0), (0.0, False, 0.5), (0.5, True, 0.5)],
+)
+def test_auction_gives_the_routes_of_the_plain_one(
+    rule: int, choice: int, wait_w: float, windows: bool, exit_share: float
+) -> None:
     given = 0
     for seed in range(8):
-        team, visits = _instance(seed, wait_w=wait_w, windows=windows)
+        team, visits = _instance(seed, wait_w=wait_w, windows=windows, exit_share=exit_share)
         routes = empty_routes(team, visits)
         open_visits = np.ones(len(visits.job), np.bool_)
         hold_auction(team, visits, routes, open_visits, rule, choice)

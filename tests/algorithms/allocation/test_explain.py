@@ -68,6 +68,17 @@ def test_job_without_a_way_says_so():
     assert [bid.reason for bid in bids] == [Plain("no_way_and_back")]
 
 
+def test_bids_know_where_a_job_ends():
+    moved = job("moved", 1, end_place=5, service_j=4.0)
+    _, bids = only_bids(line([moved], [worker("r1"), worker("r2", usable_j=9.0)]))
+    assert [(bid.energy_j, bid.reason) for bid in bids] == [(5.0, None), (None, LacksEnergy(missing_j=1.0))]
+    # The one after it begins at its end.
+    after = job("next", 4)
+    problem = line([moved, after], [worker("r1", usable_j=20.0)])
+    (bid,) = explain(problem, make_plan(problem, [["moved", "next"]], Objective.ENERGY), "next")
+    assert (bid.energy_j, bid.arrives_in_s) == (1.0, 2.0)
+
+
 def test_job_that_a_robot_is_at_has_no_bids():
     assert only_bids(line([job("a", 2, pinned_to="r2")], [worker("r1"), worker("r2", start=5)])) == (None, ())
 

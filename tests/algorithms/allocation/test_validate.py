@@ -45,6 +45,9 @@ def test_plan_with_nothing_wrong_has_no_faults():
         (line([job("a", 3, service_j=1.0)], [worker("r1", usable_j=6.9)]), [["a"]], "lacks 0.100 J"),
         # So does waiting.
         (line([job("a", 1, earliest_s=5.0)], [worker("r1", wait_w=1.0, usable_j=5.0)]), [["a"]], "lacks 1.000 J"),
+        # The way to the charger begins where the job ends.
+        (line([job("a", 1, end_place=4)], [worker("r1", usable_j=4.9)]), [["a"]], "lacks 0.100 J"),
+        (line([job("a", 1, end_place=4), job("b", 5, latest_s=1.9)], [worker("r1")]), [["a", "b"]], "ends at 2.000 s"),
         (line([job("a", 3, latest_s=2.9)], [worker("r1")]), [["a"]], "ends at 3.000 s, after 2.900 s"),
         (line([job("a", 3, service_s=1.0, latest_s=3.9)], [worker("r1")]), [["a"]], "after 3.900 s"),
         (line([job("a", 3)], [worker("r1")], horizon_s=5.9), [["a"]], "at its charger at 6.000 s"),
@@ -113,6 +116,7 @@ def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
         (lambda: Worker(name="r", start=0, ends=(), usable_j=1.0), "at least one place"),
         (lambda: worker("r", usable_j=math.nan), "usable_j"),
         (lambda: line([job("a", 6)], []), "place from 0 to 5"),
+        (lambda: line([job("a", 1, end_place=6)], []), "place from 0 to 5"),
         (lambda: line([job("a", 1), job("a", 2)], []), "once"),
         (lambda: line([], [worker("r", profile=1)]), "profile"),
         (lambda: line([job("a", 1, pinned_to="r9")], [worker("r1")]), "pinned_to"),

@@ -61,6 +61,12 @@ def test_a_robot_goes_as_far_as_its_energy_takes_it_there_and_back(usable_j, fit
     assert is_feasible(model_of(line([job("a", 3)], [worker("r1", usable_j=usable_j)])), [0]) is fits
 
 
+@pytest.mark.parametrize(("usable_j", "fits"), [(6.0, True), (5.99, False)])
+def test_path_after_a_job_begins_where_it_ends(usable_j, fits):
+    jobs = [job("moved", 1, end_place=5), job("next", 5)]
+    assert is_feasible(model_of(line(jobs, [worker("r1", usable_j=usable_j)])), [0, 1]) is fits
+
+
 @pytest.mark.parametrize(
     ("limits", "fits"),
     [({"end_s": 6.0}, True), ({"end_s": 5.9}, False), ({"left_j": 4.0}, True), ({"left_j": 4.1}, False), ({}, True)],
