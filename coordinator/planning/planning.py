@@ -314,6 +314,7 @@ class Planning:
         now_ns: int,
     ) -> Snapshot:
         open_ids = {record.task.id for record in records}
+        works = {record.task.id: self._costs.of(record.task) or () for record in records}
         return Snapshot(
             number=self._number,
             now_ns=now_ns,
@@ -321,10 +322,10 @@ class Planning:
             records=tuple(records),
             ended=self._builder.done_before(records, open_ids),
             held=self._builder.held(records),
-            ending=self._builder.ending(members),
+            ending=self._builder.ending(members, works),
             members=members,
             pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
-            works={record.task.id: self._costs.of(record.task) or () for record in records},
+            works=works,
             served_s=self._builder.served_s(records, now_ns),
             floor=self._builder.floor(now_ns, wanted=bool(self.left_out)),
             orders=self._orders(),

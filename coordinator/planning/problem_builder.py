@@ -9,7 +9,7 @@ from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import ProblemRecord, encode_lengths
-from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerDistances, PlanningRobot, Snapshot, urgency
+from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerDistances, PlanningRobot, Snapshot, end_of, urgency
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -48,7 +48,9 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     idle_w = max((mean.idle_w for mean in means), default=0.0)
 
     goals: dict[Point2D, int] = {}
-    for place in [record.task.place for record in chosen] + [end for one in members for end in _ends(one)]:
+    task_ends = {record.task.id: end_of(record.task, snapshot.works) for record in chosen}
+    places = [place for record in chosen for place in (record.task.place, task_ends[record.task.id])]
+    for place in places + [end for one in members for end in _ends(one)]:
         goals.setdefault(place, len(goals))
     ending = snapshot.ending
     starts = [
@@ -63,7 +65,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     jobs = [
         _job(
             record,
-            goals[record.task.place],
+            (goals[record.task.place], goals[task_ends[record.task.id]]),
             snapshot,
             prize_j,
             (*at_place[record.task.id], idle_w),
@@ -172,7 +174,7 @@ def _at_place(task: Task, snapshot: Snapshot, models: Sequence[EnergyModel | Non
 
 def _job(
     record: TaskRecord,
-    place: int,
+    places: tuple[int, int],
     snapshot: Snapshot,
     prize_j: float,
     at_place: tuple[float, float, float],
@@ -195,7 +197,8 @@ def _job(
     latest_s = to_seconds(task.deadline_ns - snapshot.now_ns) if task.deadline_ns is not None else float("inf")
     return Job(
         id=task.id,
-        place=place,
+        place=places[0],
+        end_place=None if places[0] == places[1] else places[1],
         prize_j=prize_j * task.priority,
         service_s=service_s,
         service_j=service_s * idle_w + moving_j,

@@ -1,6 +1,7 @@
 """The state of the team at one moment, with all data that plans depend on. Immutable, so threads can share it."""
 
 import math
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -11,6 +12,7 @@ from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import RobotReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
@@ -102,3 +104,8 @@ def urgency(record: TaskRecord) -> tuple[float, float, int, str]:
         record.submitted_ns,
         record.task.id,
     )
+
+
+def end_of(task: Task, works: Mapping[str, Iterable[Work]]) -> Point2D:
+    """Where a robot is at the end of a task, by the works of all tasks."""
+    return next((work.ends_at for work in works.get(task.id, ()) if work.ends_at is not None), task.place)

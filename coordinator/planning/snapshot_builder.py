@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from robrain.coordinator.planning.energy_budget import when_charged
-from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd
+from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd, end_of
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
@@ -15,6 +15,7 @@ from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE, RECHARGE
 from robrain.protocol.model.tasks.task import TaskState
@@ -113,14 +114,14 @@ class SnapshotBuilder:
         robots = {record.robot for record in records if record.robot}
         return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
 
-    def ending(self, members: dict[str, PlanningRobot]) -> dict[str, PredictedEnd]:
+    def ending(self, members: dict[str, PlanningRobot], works: Mapping[str, Iterable[Work]]) -> dict[str, PredictedEnd]:
         """Place and time of the end of running tasks that are about to end."""
         found = {}
         for name, member in members.items():
             at = self._book.of_robot(name)
             remaining_s = math.inf if at is None or at.own else left_of(at, member.state)
             if at is not None and remaining_s <= AHEAD_S:
-                found[name] = PredictedEnd(at.task.id, at.task.place, remaining_s)
+                found[name] = PredictedEnd(at.task.id, end_of(at.task, works), remaining_s)
         return found
 
     def served_s(self, records: Iterable[TaskRecord], now_ns: int) -> dict[str, float]:

@@ -59,3 +59,12 @@ def test_a_robot_that_tells_nothing_of_its_energy_is_taken_for_a_small_one() -> 
     job = jobs_of((SWEEP,), model=None)
     assert job.service_s == HANDLING_S + 2.0 + 2.0 * 8.0
     assert job.service_j == pytest.approx(30.0 * 8.0)
+
+
+def test_a_job_ends_where_its_robot_will_be() -> None:
+    """A delivery ends where its item goes, so the next path begins there."""
+    asked = open_floor_snapshot(2, tasks=2)
+    asked = msgspec.structs.replace(asked, works={"t0": (Work(path_m=5.0, ends_at=asked.records[1].task.place),)})
+    jobs = build_problem(asked, PathLengths(None, 0.3, 1.5), PlanningPolicy()).question.jobs
+    assert jobs[0].end_place == jobs[1].place
+    assert jobs[1].end_place is None
