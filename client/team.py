@@ -233,6 +233,7 @@ class Team(RobotCalls):
         - `service_s`: expected time at its place.
         - `needs`: plugins that a robot must have for it; the name of a robot means that robot.
         - `after`: tasks that must be done before.
+        - `same_robot_as`: a task whose robot must do this one too.
         - `robots`: number of robots that must work on it at the same time; the default is 1.
         - `parameters`: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
 

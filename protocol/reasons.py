@@ -354,6 +354,22 @@ class IsNext(Reason, frozen=True, tag="is_next"):
     """Id of the task that comes before it."""
 
 
+class SameRobot(Reason, frozen=True, tag="same_robot"):
+    """Only the robot of another task may do it, and that one has none yet or is unavailable."""
+
+    task: Name
+    """Id of the other task."""
+    robot: Name = ""
+    """Its robot; empty if it has none yet."""
+    because: Gone | OutOfService | None = None
+    """Why that robot is unavailable."""
+
+    def __str__(self) -> str:
+        if not self.robot:
+            return f"{self.task}, whose robot is to do it too, has no robot yet"
+        return f"only {self.robot} may do it, as the robot of {self.task}; {self.robot} is {self.because}"
+
+
 class LeaseRanOut(Reason, frozen=True, tag="lease_ran_out"):
     """Its robot is silent."""
 
@@ -378,7 +394,7 @@ class RobotOut(Reason, frozen=True, tag="robot_out"):
 
 DirectReason = (
     Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut | RobotOut
-    | WaitsForCharge | PlainReason
+    | SameRobot | WaitsForCharge | PlainReason
 )  # fmt: skip
 """A reason of a task that holds no other reason of a task."""
 

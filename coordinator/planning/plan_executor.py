@@ -102,7 +102,7 @@ class PlanExecutor:
             record = self._book.find(task_id)
             if record is None or record.state is not TaskState.QUEUED:
                 continue
-            if task_id in paused or eligibility.nobody_can(record) is not None:
+            if task_id in paused or eligibility.nobody_can(record, now_ns) is not None:
                 continue  # the published reason has more details
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done

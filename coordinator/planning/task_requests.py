@@ -176,19 +176,19 @@ class TaskRequests:
 
     def _refusal(self, task: Task) -> str:
         """Why a task is refused at its submission, in words; empty if it is accepted."""
-        after = [name for name in task.after if self._book.find(name) is not None]
-        return self.impossibility(task) or unknown_names(task, after, self._gate.mote_quantities, self._chargers.places)
+        known = [name for name in task.others if self._book.find(name) is not None]
+        return self.impossibility(task) or unknown_names(task, known, self._gate.mote_quantities, self._chargers.places)
 
     def impossibility(self, task: Task) -> str:
         """Why a task can never be done, in words; empty if it may be possible."""
         others: dict[str, TaskRecord] = {}
-        waiting = list(task.after)
+        waiting = list(task.others)
         while waiting:
             name = waiting.pop()
             record = None if name in others else self._book.find(name)
             if record is not None:
                 others[name] = record
-                waiting += record.task.after
+                waiting += record.task.others
         return impossibility(
             task,
             self._clock.now_ns(),

@@ -355,9 +355,9 @@ class TaskLifecycle:
             return TaskState.CANCELLED, record.reason or plain("not_offered", "it was offered to nobody")
         if task.deadline_ns is not None and now_ns > task.deadline_ns:
             return TaskState.FAILED, DeadlinePassed(reason_of(record))
-        if not others_changed or not task.after:
+        if not others_changed or not task.others:
             return None
-        others = {name: found for name in task.after if (found := self.book.find(name)) is not None}
+        others = {name: found for name in task.others if (found := self.book.find(name)) is not None}
         ended = dependency_refusal(task, others)
         return None if ended is None else (TaskState.CANCELLED, ended)
 
@@ -366,7 +366,7 @@ class TaskLifecycle:
         ready = [record for record in self.book.open if self.eligibility.wait_reason(record, now_ns) is None]
         with self.as_far_as_written(now_ns):
             for record in ready:
-                reason = self.eligibility.nobody_can(record)
+                reason = self.eligibility.nobody_can(record, now_ns)
                 if reason is not None and reason != record.reason:  # published once, and at each change
                     self.book.move(record.task.id, TaskState.QUEUED, reason)
         return ready
