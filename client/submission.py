@@ -42,6 +42,18 @@ class TaskFields(TypedDict, total=False):
     parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
 
 
+class TaskChanges(TypedDict, total=False):
+    """Changes of submitted tasks, for `Team.change`; None, or an empty text, changes nothing."""
+
+    priority: float | None
+    deadline_s: float | None
+    earliest_s: float | None
+    robot: str
+    excluded: str
+    paused: bool | None
+    why: str
+
+
 POINTS = ("place", "look_at")
 POINT_LISTS = ("stops",)
 RELATIVE = ("earliest_in_s", "deadline_in_s")

@@ -14,7 +14,7 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Self, Unpack, overload
+from typing import Any, Self, Unpack, overload
 
 import msgspec
 
@@ -22,7 +22,7 @@ from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.submission import BadTask, TaskFields, TaskName, asked_task, id_of
+from robrain.client.submission import AS_SENT, BadTask, TaskChanges, TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -40,6 +40,7 @@ from robrain.protocol.messages.tasks.plan_messages import (
     PlanningStatus,
 )
 from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CHANGE,
     TASK_DRY_RUN,
     TASK_EXPLAIN,
     TASK_GET,
@@ -53,6 +54,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskRecord,
     TaskRequest,
     TaskSubmission,
+    TaskUpdate,
 )
 from robrain.protocol.messages.team.service_messages import (
     COORDINATOR_HOLD_ROBOT,
@@ -292,6 +294,43 @@ class Team(RobotCalls):
 
         """
         return self._requests.cancel(TaskRequest(id=id_of(task), by=self.by, why=why))
+
+    def cancel_all(self, which: TaskFilter, why: str = "") -> TaskRecords:
+        """Cancel the open tasks that match, and return them.
+
+        Raises:
+            CallError: the team's rules do not allow it for one of them.
+            NobodyThere: no coordinator answers.
+
+        """
+        return self._requests.coordinator(TASK_CHANGE, TaskUpdate(which=which, by=self.by, why=why, cancels=True))
+
+    def change(self, tasks: Iterable[TaskName] | TaskFilter, **changes: Unpack[TaskChanges]) -> TaskRecords:
+        """Change open tasks, given or selected, and return their records. What is not given stays as it is.
+
+        A task whose robot or times change, or that is paused, is taken from its robot. It is offered again, from its
+        beginning, once the robot has given it back; a paused one, once it is resumed.
+
+        - `priority`: reward for doing it.
+        - `earliest_s`: earliest start, seconds from now.
+        - `deadline_s`: latest end, seconds from now.
+        - `robot`: the robot that must do it.
+        - `excluded`: a robot that must not do it.
+        - `paused`: True pauses it, False resumes it.
+        - `why`: the reason, for people.
+
+        Args:
+            tasks: ids or records of tasks; or a filter, which selects open tasks.
+            **changes: as above.
+
+        Raises:
+            CallError: a task is unknown or has ended, or could not be done then.
+            NobodyThere: no coordinator answers.
+
+        """
+        asked: dict[str, Any] = {AS_SENT.get(name, name): value for name, value in changes.items()}
+        asked |= {"which": tasks} if isinstance(tasks, TaskFilter) else {"ids": [*map(id_of, tasks)]}
+        return self._requests.coordinator(TASK_CHANGE, TaskUpdate(by=self.by, **asked))
 
     def get(self, task: TaskName) -> TaskRecord:
         """Return a task's record (CallError for an unknown id)."""

@@ -427,7 +427,12 @@ TaskReason = DirectReason | DeadlinePassed | AfterEnded
 
 def cancelled(by: str, why: str) -> PlainReason:
     """A client cancelled the task, for a reason in its own words; both may be empty."""
-    return plain("cancelled", f"cancelled{by and f' by {by}'}{why and f': {why}'}", by=cut(by, NAME_MAX))
+    return operated("cancelled", by, why)
+
+
+def operated(kind: str, by: str, why: str) -> PlainReason:
+    """A client changed the task: cancelled, changed, paused or resumed it; name and reason may be empty."""
+    return plain(kind, f"{kind}{by and f' by {by}'}{why and f': {why}'}", by=cut(by, NAME_MAX))
 
 
 def holder_out(robot: str) -> PlainReason:

@@ -164,7 +164,7 @@ class KnownTasks:
             if task_id not in self.done
             and task_id not in self.dropped
             and known.task.robots == 1
-            and not known.task.same_robot_as
+            and not (known.task.same_robot_as or known.task.excluded or known.task.paused)
             and known.task.earliest_ns <= now_ns
             and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)
             and all(other in self.done or self._ended.get(other) is False for other in known.task.after)

@@ -78,7 +78,12 @@ class PlanInputs:
         pauses: Iterable[tuple[str, str]] = (),
         area_m2: float = 0.0,
     ) -> None:
+        records = list(records)
         self.tasks = _tasks(records)
+        self._terms = {
+            task.id: (task.priority, task.earliest_ns, task.deadline_ns, task.needs, task.paused)
+            for task in [record.task for record in records if not record.robot]
+        }
         self._members = members
         self._figures = {name: _figures(member) for name, member in members.items()}
         self._pauses = frozenset(pauses)
@@ -94,6 +99,9 @@ class PlanInputs:
             return "; ".join([*(f"{name} is there" for name in came), *(f"{name} is out" for name in gone)])
         if not now.tasks:
             return ""
+        for name, terms in now._terms.items():
+            if terms != self._terms.get(name, terms):
+                return f"{name} has changed"
         for name, member in now._members.items():
             if _abilities(member) != _abilities(self._members[name]):
                 return f"{name} can do other things than before"

@@ -61,6 +61,8 @@ REFUSALS_FREE = 3
 """Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 REPORTED_MAX = 8
 """Most robots that a reason names."""
+PAUSED = "paused"
+"""Kind of the reason of a paused task."""
 NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 
@@ -266,6 +268,8 @@ class Eligibility:
             return plain("is_own", "it is one of the coordinator itself")
         if (refusal := self.offer_refusal()) is not None:
             return refusal
+        if (reason := self.unplannable(record)) is not None:
+            return reason
         if holder := self.held_elsewhere.by(task.id, now_ns):
             return holder_out(holder)
         if now_ns + to_ns(travel_s) < task.earliest_ns:
@@ -278,10 +282,13 @@ class Eligibility:
             if other.state is not TaskState.DONE:
                 text = f"{name}, which it waits for, is {other.state}"
                 return plain("after_open", text, task=name, state=other.state)
-        return self.unplannable(record)
+        return None
 
     def unplannable(self, record: TaskRecord) -> TaskReason | None:
         """Why no plan may include a queued task yet; None if plans may."""
+        if record.task.paused:
+            is_told = record.reason is not None and record.reason.code == PAUSED
+            return record.reason if is_told else plain(PAUSED, "it is paused")
         other = record.task.same_robot_as
         return SameRobot(other) if other and not self._robot_of(other) else None
 
@@ -344,13 +351,15 @@ class Eligibility:
     ) -> dict[tuple[str, str], RobotReason]:
         """Which task must not be offered to which robot now, and why."""
         found = self._backoff.pauses(now_ns)
-        for task in [record.task for record in records if record.task.same_robot_as]:
+        for task in [record.task for record in records if record.task.same_robot_as or record.task.excluded]:
             found |= {(task.id, name): barred for name in robots if (barred := self.barred(task, name)) is not None}
         return found
 
     def barred(self, task: Task, robot: str) -> RobotReason | None:
         """Why a task is not for a robot, whatever it can do; None if it may be."""
         other = task.same_robot_as
+        if robot in task.excluded:
+            return plain("excluded", "is excluded from it")
         if not other or self._robot_of(other) in ("", robot):
             return None
         return plain("other_robot", f"is not the robot of {other}", task=other)

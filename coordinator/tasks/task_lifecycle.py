@@ -198,6 +198,8 @@ class TaskLifecycle:
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
+        if record.recalled:
+            return False
         return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
 
     def process_answers(self, now_ns: int) -> bool:
@@ -417,11 +419,12 @@ class TaskLifecycle:
                     self.book.give_back(record.task.id, reason)
 
     def withdraw_strays(self, now_ns: int) -> None:
-        """Withdraw tasks that robots do or hold and that the book has closed, or assigned to another robot."""
+        """Withdraw tasks that robots do or hold and that the book has closed, recalled, or given to another robot."""
         for robot in self.roster.up(now_ns):
             if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
-            for status in strays(robot, self.book.bound_to(robot.name), now_ns):
+            kept = [record for record in self.book.bound_to(robot.name) if not record.recalled]
+            for status in strays(robot, kept, now_ns):
                 withdrawal = (robot.name, status.id, status.epoch)
                 if now_ns - self._withdrawn_ns.get(withdrawal, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
                     continue
@@ -435,7 +438,7 @@ class TaskLifecycle:
         record = self.book.find(status.id)
         if record is None:
             reason = "the coordinator knows nothing of it"
-        elif record.state is TaskState.CANCELLED:
+        elif record.state is TaskState.CANCELLED or record.recalled:
             reason = record.why
         else:
             reason = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"

@@ -71,7 +71,11 @@ class Task(Checked, frozen=True, kw_only=True, omit_defaults=True):
     service_s: Duration = 0.0
     """Expected time at its place; a visit stays this long."""
     needs: Needs = ()
-    """Names of plugins that a robot must have for it, besides the behavior."""
+    """Names of plugins that a robot must have for it, besides the behavior; the name of a robot means that robot."""
+    excluded: Needs = ()
+    """Names of robots that must not do it."""
+    paused: bool = False
+    """Whether it is not offered until it is resumed."""
     after: After = ()
     """Ids of the tasks that must be done before."""
     same_robot_as: Name = ""
