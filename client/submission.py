@@ -42,7 +42,7 @@ class TaskFields(TypedDict, total=False):
     parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
 
 
-class TaskChanges(TypedDict, total=False):
+class ChangeFields(TypedDict, total=False):
     """Changes of submitted tasks, for `Team.change`; None, or an empty text, changes nothing."""
 
     priority: float | None

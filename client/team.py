@@ -22,7 +22,7 @@ from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.submission import AS_SENT, BadTask, TaskChanges, TaskFields, TaskName, asked_task, id_of
+from robrain.client.submission import AS_SENT, BadTask, ChangeFields, TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -305,8 +305,8 @@ class Team(RobotCalls):
         """
         return self._requests.coordinator(TASK_CHANGE, TaskUpdate(which=which, by=self.by, why=why, cancels=True))
 
-    def change(self, tasks: Iterable[TaskName] | TaskFilter, **changes: Unpack[TaskChanges]) -> TaskRecords:
-        """Change open tasks, given or selected, and return their records. What is not given stays as it is.
+    def change(self, tasks: Iterable[TaskName] | TaskFilter, **changes: Unpack[ChangeFields]) -> TaskRecords:
+        """Change open tasks, given or selected, and return their records. Other fields stay as they are.
 
         A task whose robot or times change, or that is paused, is taken from its robot. It is offered again, from its
         beginning, once the robot has given it back; a paused one, once it is resumed.
@@ -416,6 +416,7 @@ class Team(RobotCalls):
         reason: str = "",
         *,
         gives_back: bool = False,
+        stands: bool = False,
         place: Point2D | Sequence[float] | str | None = None,
         retires: bool = False,
     ) -> None:
@@ -425,6 +426,7 @@ class Team(RobotCalls):
             robot: its name.
             reason: why, for people.
             gives_back: whether it gives its task back at once, for other robots; otherwise it finishes the task.
+            stands: whether it stops where it is instead, and continues its task once it is released.
             place: where it drives then, as for a task; None if it stays.
             retires: whether the team forgets the robot once it has left the network.
 
@@ -437,7 +439,9 @@ class Team(RobotCalls):
             place = self._place(place)
         elif place is not None and not isinstance(place, Point2D):
             place = Point2D(*place)
-        hold = ServiceHold(robot=robot, reason=reason, gives_back=gives_back, place=place, retires=retires, by=self.by)
+        hold = ServiceHold(
+            robot=robot, reason=reason, gives_back=gives_back, stands=stands, place=place, retires=retires, by=self.by
+        )
         self._requests.coordinator(COORDINATOR_HOLD_ROBOT, hold)
 
     def release_robot(self, robot: str) -> None:

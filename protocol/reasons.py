@@ -203,16 +203,18 @@ class NoState(Reason, frozen=True, tag="no_state"):
 
 
 class OutOfService(Reason, frozen=True, tag="out_of_service"):
-    """An operator has taken it out of service."""
+    """An operator has taken it out of service, or paused it."""
 
     by: Text = ""
     """Name of the operator."""
     why: Text = ""
     """For people."""
+    stands: bool = False
+    """Whether it stays where it is, with its task, until it is released."""
 
     def __str__(self) -> str:
         by = f" by {self.by}" if self.by else ""
-        return f"out of service{by}{f': {self.why}' if self.why else ''}"
+        return f"{'paused' if self.stands else 'out of service'}{by}{f': {self.why}' if self.why else ''}"
 
 
 Unavailable = Gone | NoState | PlainReason

@@ -268,7 +268,7 @@ class Eligibility:
             return plain("is_own", "it is one of the coordinator itself")
         if (refusal := self.offer_refusal()) is not None:
             return refusal
-        if (reason := self.unplannable(record)) is not None:
+        if (task.paused or task.same_robot_as) and (reason := self.unplannable(record)) is not None:
             return reason
         if holder := self.held_elsewhere.by(task.id, now_ns):
             return holder_out(holder)
@@ -287,8 +287,8 @@ class Eligibility:
     def unplannable(self, record: TaskRecord) -> TaskReason | None:
         """Why no plan may include a queued task yet; None if plans may."""
         if record.task.paused:
-            is_told = record.reason is not None and record.reason.code == PAUSED
-            return record.reason if is_told else plain(PAUSED, "it is paused")
+            reason = record.reason
+            return reason if reason is not None and reason.code == PAUSED else plain(PAUSED, "it is paused")
         other = record.task.same_robot_as
         return SameRobot(other) if other and not self._robot_of(other) else None
 
@@ -355,7 +355,7 @@ class Eligibility:
             found |= {(task.id, name): barred for name in robots if (barred := self.barred(task, name)) is not None}
         return found
 
-    def barred(self, task: Task, robot: str) -> RobotReason | None:
+    def barred(self, task: Task, robot: str) -> PlainReason | None:
         """Why a task is not for a robot, whatever it can do; None if it may be."""
         other = task.same_robot_as
         if robot in task.excluded:

@@ -311,6 +311,8 @@ class TaskLifecycle:
                     freed = True
                 elif move is not None:
                     self.book.move(task_id, move.state, move.reason)
+                elif not record.recalled and (barred := self.eligibility.barred(record.task, record.robot)) is not None:
+                    self.book.update(record.task, RobotOut(record.robot, barred), recalls=True)
             elif end := self._end_reason_of(record, now_ns, others_changed=others_changed):
                 self.book.move(task_id, *end)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import msgspec
 import typer
 
-from robrain.client.submission import AS_SENT, TaskChanges, TaskFields, any_place, submission_of
+from robrain.client.submission import AS_SENT, ChangeFields, TaskFields, any_place, submission_of
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, place
 from robrain.deploy.command_line.output import print_either, print_json
@@ -322,7 +322,7 @@ def change(
     as_json: JsonOption = False,
 ) -> None:
     """Change, pause or resume open tasks; a robot gives back a task that it must not do as it was."""
-    changes = TaskChanges(
+    changes = ChangeFields(
         priority=priority, deadline_s=deadline, earliest_s=earliest, robot=robot, excluded=not_robot, paused=paused
     )
     if not any(value not in (None, "") for value in changes.values()):

@@ -164,8 +164,8 @@ class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
 class TaskUpdate(msgspec.Struct, frozen=True, kw_only=True):
     """Changes or cancels tasks that were submitted and have not ended. It is refused if it is wrong for one of them.
 
-    A task whose robot or times change, or that is paused, is taken from its robot: it is queued once the robot has
-    given it back. The same update again changes nothing, but times count from then.
+    A robot gives back a task whose robot or times change, or that is paused; then the task is queued. The same update
+    again changes nothing, but times count from then.
     """
 
     ids: Names = []
