@@ -263,8 +263,9 @@ class TaskBook:
         else:
             refusal = None if status.reason is None else RobotOut(robot, Refused(status.reason))
             has_failed = status.state is TaskState.FAILED
-            reason = record.reason if record.recalled and not has_failed else refusal or reason_from(status.why)
-            self.give_back(status.id, reason, failed=has_failed)
+            is_as_asked = record.recalled and not has_failed
+            why = record.reason if is_as_asked else refusal or reason_from(status.why)
+            self.give_back(status.id, why, failed=has_failed)
         return record
 
     def record_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:

@@ -325,11 +325,12 @@ def change(
     changes = ChangeFields(
         priority=priority, deadline_s=deadline, earliest_s=earliest, robot=robot, excluded=not_robot, paused=paused
     )
-    if not any(value not in (None, "") for value in changes.values()):
+    if all(value in (None, "") for value in changes.values()):
         raise UsageError("expected a change, such as --priority 3 or --pause")
+    changes["why"] = reason
     tasks = _selection(task_ids, state, kind, of_robot, by, prefix)
     with connect_team(connect, team) as client:
-        records = client.change(tasks, **changes, why=reason)
+        records = client.change(tasks, **changes)
     print_either(records, map(line_of, records), as_json=as_json)
 
 

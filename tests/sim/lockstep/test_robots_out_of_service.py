@@ -49,6 +49,7 @@ def test_a_robot_out_of_service_finishes_its_task_or_gives_it_back(gives_back: b
         assert verdicts[robot] == "out of service by ann: battery swap"
 
 
+@pytest.mark.slow
 def test_a_paused_robot_stands_keeps_its_task_and_continues_also_after_a_restart_of_the_coordinator() -> None:
     with explored_hall() as (run, team):
         task = team.submit("visit", place=(9.0, 5.0))

@@ -1,9 +1,11 @@
-"""Tasks that must be done by the robot of another task, in whole runs."""
+"""Tasks that must be done by the robot of another task, and tasks whose robot is changed, in whole runs."""
 
 import pytest
 
 from robrain import Team
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.reasons import Gone, OutOfService, SameRobot
 from tests.sim.lockstep.test_robots_out_of_service import explored_hall
@@ -24,6 +26,7 @@ def test_the_robot_of_a_task_does_its_second_half_though_another_one_is_nearer()
         assert [(one.state, one.robot) for one in done] == [(TaskState.DONE, robot)] * 2
 
 
+@pytest.mark.slow
 def test_a_task_waits_while_the_other_has_no_robot_and_says_so() -> None:
     with explored_hall() as (_, team):
         for robot in ("r1", "r2"):
@@ -78,3 +81,28 @@ def test_a_task_that_can_have_no_robot_is_refused(same_robot_as: str, words: str
         team.submit("visit", id="lift", place=(9.0, 5.0), robots=2)
         with pytest.raises(CallError, match=words):
             team.submit("visit", id="own", place=(2.0, 1.0), same_robot_as=same_robot_as)
+
+
+@pytest.mark.slow
+def test_a_running_task_is_paused_given_to_another_robot_and_done_by_it() -> None:
+    with explored_hall() as (run, team):
+        task = team.submit("visit", place=(9.0, 5.0), service_s=1.0)
+        team.run_for(2.0)
+        robot = team.get(task).robot
+        other = {"r1": "r2", "r2": "r1"}[robot]
+        team.change([task], paused=True, why="people on the floor")
+        team.run_for(5.0)
+        body = run.arena.bodies[int(robot[1:]) - 1]
+        place = Point2D(body.x_m, body.y_m)
+        run.end_coordinator()
+        run.begin_coordinator()
+        team.run_for(5.0)
+        assert place.distance_m(Point2D(body.x_m, body.y_m)) < 0.02
+        found = team.why(task)
+        assert found.record.state is TaskState.QUEUED
+        assert found.now == "Queued. Paused by ann: people on the floor."
+        [changed] = team.change(TaskFilter(kinds=["visit"]), paused=False, robot=other)
+        assert changed.task.needs == (other,)
+        done = team.wait(task)
+        assert (done.state, done.robot) == (TaskState.DONE, other)
+        assert team.cancel_all(TaskFilter()) == []
