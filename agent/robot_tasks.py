@@ -24,7 +24,16 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NoState, Occupied, OfferRefusal, PlainReason, plain, sentence_of
+from robrain.protocol.reasons import (
+    DoneJustNow,
+    NoState,
+    Occupied,
+    OfferRefusal,
+    OutOfService,
+    PlainReason,
+    plain,
+    sentence_of,
+)
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""
@@ -113,6 +122,8 @@ class RobotTasks:
         """Time when another participant last vouched for the robot's tasks, as a coordinator does by its messages."""
         self.coordinator_ahead_ns = 0
         """How far the coordinator's clock is ahead of the robot's; 0 unless they differ."""
+        self.stands = False
+        """Whether an operator has paused the robot: behaviors do not drive on."""
         self._epoch = 0
         self._lease_ns = 0
         self._executors: dict[str, _Executor] = {}
@@ -160,6 +171,7 @@ class RobotTasks:
         """
         for mine in summary.robots:
             if mine.name == robot:
+                self.stands = isinstance(mine.out, OutOfService) and mine.out.stands
                 if not isinstance(mine.out, NoState):
                     self.coordinator_seen_ns = now_ns - to_ns(mine.age_s)
                 elif summary.seq < FIRST_SUMMARIES:

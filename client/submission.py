@@ -38,8 +38,21 @@ class TaskFields(TypedDict, total=False):
     service_s: Annotated[float | None, "Duration at its place, seconds."]
     needs: Annotated[Sequence[str], "A plugin that the robot must have, or the robot's name; may be repeated."]
     after: Annotated[Sequence[TaskName], "A task that must be done before; may be repeated."]
+    same_robot_as: Annotated[str | None, "A task whose robot is to do this one too."]
     robots: Annotated[int | None, "Number of robots at the same time; 1 if not given."]
     parameters: Annotated[Mapping[str, Any] | None, "Parameters of the kind."]
+
+
+class ChangeFields(TypedDict, total=False):
+    """Changes of submitted tasks, for `Team.change`; None, or an empty text, changes nothing."""
+
+    priority: float | None
+    deadline_s: float | None
+    earliest_s: float | None
+    robot: str
+    excluded: str
+    paused: bool | None
+    why: str
 
 
 POINTS = ("place", "look_at", "to")

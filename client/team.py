@@ -14,7 +14,7 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Self, Unpack, overload
+from typing import Any, Self, Unpack, overload
 
 import msgspec
 
@@ -22,7 +22,7 @@ from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
 from robrain.client.robot_calls import RobotCalls
-from robrain.client.submission import BadTask, TaskFields, TaskName, asked_task, id_of
+from robrain.client.submission import AS_SENT, BadTask, ChangeFields, TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -40,6 +40,7 @@ from robrain.protocol.messages.tasks.plan_messages import (
     PlanningStatus,
 )
 from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CHANGE,
     TASK_DRY_RUN,
     TASK_EXPLAIN,
     TASK_GET,
@@ -53,6 +54,7 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskRecord,
     TaskRequest,
     TaskSubmission,
+    TaskUpdate,
 )
 from robrain.protocol.messages.team.service_messages import (
     COORDINATOR_HOLD_ROBOT,
@@ -233,6 +235,7 @@ class Team(RobotCalls):
         - `service_s`: expected time at its place.
         - `needs`: plugins that a robot must have for it; the name of a robot means that robot.
         - `after`: tasks that must be done before.
+        - `same_robot_as`: a task whose robot must do this one too.
         - `robots`: number of robots that must work on it at the same time; the default is 1.
         - `parameters`: fields of that kind, named as in the messages, such as `{"look_at": (5, 1)}`.
 
@@ -291,6 +294,43 @@ class Team(RobotCalls):
 
         """
         return self._requests.cancel(TaskRequest(id=id_of(task), by=self.by, why=why))
+
+    def cancel_all(self, which: TaskFilter, why: str = "") -> TaskRecords:
+        """Cancel the open tasks that match, and return them.
+
+        Raises:
+            CallError: the team's rules do not allow it for one of them.
+            NobodyThere: no coordinator answers.
+
+        """
+        return self._requests.coordinator(TASK_CHANGE, TaskUpdate(which=which, by=self.by, why=why, cancels=True))
+
+    def change(self, tasks: Iterable[TaskName] | TaskFilter, **changes: Unpack[ChangeFields]) -> TaskRecords:
+        """Change open tasks, given or selected, and return their records. Other fields stay as they are.
+
+        A task whose robot or times change, or that is paused, is taken from its robot. It is offered again, from its
+        beginning, once the robot has given it back; a paused one, once it is resumed.
+
+        - `priority`: reward for doing it.
+        - `earliest_s`: earliest start, seconds from now.
+        - `deadline_s`: latest end, seconds from now.
+        - `robot`: the robot that must do it.
+        - `excluded`: a robot that must not do it.
+        - `paused`: True pauses it, False resumes it.
+        - `why`: the reason, for people.
+
+        Args:
+            tasks: ids or records of tasks; or a filter, which selects open tasks.
+            **changes: as above.
+
+        Raises:
+            CallError: a task is unknown or has ended, or could not be done then.
+            NobodyThere: no coordinator answers.
+
+        """
+        asked: dict[str, Any] = {AS_SENT.get(name, name): value for name, value in changes.items()}
+        asked |= {"which": tasks} if isinstance(tasks, TaskFilter) else {"ids": [*map(id_of, tasks)]}
+        return self._requests.coordinator(TASK_CHANGE, TaskUpdate(by=self.by, **asked))
 
     def get(self, task: TaskName) -> TaskRecord:
         """Return a task's record (CallError for an unknown id)."""
@@ -376,6 +416,7 @@ class Team(RobotCalls):
         reason: str = "",
         *,
         gives_back: bool = False,
+        stands: bool = False,
         place: Point2D | Sequence[float] | str | None = None,
         retires: bool = False,
     ) -> None:
@@ -385,6 +426,7 @@ class Team(RobotCalls):
             robot: its name.
             reason: why, for people.
             gives_back: whether it gives its task back at once, for other robots; otherwise it finishes the task.
+            stands: whether it stops where it is instead, and continues its task once it is released.
             place: where it drives then, as for a task; None if it stays.
             retires: whether the team forgets the robot once it has left the network.
 
@@ -397,7 +439,9 @@ class Team(RobotCalls):
             place = self._zone(place).centre
         elif place is not None and not isinstance(place, Point2D):
             place = Point2D(*place)
-        hold = ServiceHold(robot=robot, reason=reason, gives_back=gives_back, place=place, retires=retires, by=self.by)
+        hold = ServiceHold(
+            robot=robot, reason=reason, gives_back=gives_back, stands=stands, place=place, retires=retires, by=self.by
+        )
         self._requests.coordinator(COORDINATOR_HOLD_ROBOT, hold)
 
     def release_robot(self, robot: str) -> None:

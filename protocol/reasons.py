@@ -203,16 +203,18 @@ class NoState(Reason, frozen=True, tag="no_state"):
 
 
 class OutOfService(Reason, frozen=True, tag="out_of_service"):
-    """An operator has taken it out of service."""
+    """An operator has taken it out of service, or paused it."""
 
     by: Text = ""
     """Name of the operator."""
     why: Text = ""
     """For people."""
+    stands: bool = False
+    """Whether it stays where it is, with its task, until it is released."""
 
     def __str__(self) -> str:
         by = f" by {self.by}" if self.by else ""
-        return f"out of service{by}{f': {self.why}' if self.why else ''}"
+        return f"{'paused' if self.stands else 'out of service'}{by}{f': {self.why}' if self.why else ''}"
 
 
 Unavailable = Gone | NoState | PlainReason
@@ -354,6 +356,22 @@ class IsNext(Reason, frozen=True, tag="is_next"):
     """Id of the task that comes before it."""
 
 
+class SameRobot(Reason, frozen=True, tag="same_robot"):
+    """Only the robot of another task may do it, and that one has none yet or is unavailable."""
+
+    task: Name
+    """Id of the other task."""
+    robot: Name = ""
+    """Its robot; empty if it has none yet."""
+    because: Gone | OutOfService | None = None
+    """Why that robot is unavailable."""
+
+    def __str__(self) -> str:
+        if not self.robot:
+            return f"{self.task}, whose robot is to do it too, has no robot yet"
+        return f"only {self.robot} may do it, as the robot of {self.task}; {self.robot} is {self.because}"
+
+
 class LeaseRanOut(Reason, frozen=True, tag="lease_ran_out"):
     """Its robot is silent."""
 
@@ -378,7 +396,7 @@ class RobotOut(Reason, frozen=True, tag="robot_out"):
 
 DirectReason = (
     Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut | RobotOut
-    | WaitsForCharge | PlainReason
+    | SameRobot | WaitsForCharge | PlainReason
 )  # fmt: skip
 """A reason of a task that holds no other reason of a task."""
 
@@ -411,7 +429,12 @@ TaskReason = DirectReason | DeadlinePassed | AfterEnded
 
 def cancelled(by: str, why: str) -> PlainReason:
     """A client cancelled the task, for a reason in its own words; both may be empty."""
-    return plain("cancelled", f"cancelled{by and f' by {by}'}{why and f': {why}'}", by=cut(by, NAME_MAX))
+    return operated("cancelled", by, why)
+
+
+def operated(kind: str, by: str, why: str) -> PlainReason:
+    """A client changed the task: cancelled, changed, paused or resumed it; name and reason may be empty."""
+    return plain(kind, f"{kind}{by and f' by {by}'}{why and f': {why}'}", by=cut(by, NAME_MAX))
 
 
 def holder_out(robot: str) -> PlainReason:

@@ -154,7 +154,7 @@ class KnownTasks:
         return task_id in self.done
 
     def ready(self, now_ns: int) -> list[Task]:
-        """Tasks for one robot that may begin now: their predecessors have ended, and are not known as not done.
+        """Tasks for any one robot that may begin now: their predecessors have ended, and are not known as not done.
 
         A coordinator fails the tasks that wait for one that was not done; its report of that may be lost.
         """
@@ -164,6 +164,7 @@ class KnownTasks:
             if task_id not in self.done
             and task_id not in self.dropped
             and known.task.robots == 1
+            and not (known.task.same_robot_as or known.task.excluded or known.task.paused)
             and known.task.earliest_ns <= now_ns
             and (known.task.deadline_ns is None or now_ns < known.task.deadline_ns)
             and all(other in self.done or self._ended.get(other) is False for other in known.task.after)

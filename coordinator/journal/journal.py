@@ -292,6 +292,9 @@ class Journal:
         if wanted.by:
             where.append("json_extract(record, '$.by') = ?")
             values.append(wanted.by)
+        if wanted.prefix:
+            where.append("substr(id, 1, length(?)) = ?")
+            values += [wanted.prefix, wanted.prefix]
         if not wanted.own:
             where.append("own = 0")
         text = f"SELECT record FROM task WHERE {' AND '.join(where)} ORDER BY number DESC LIMIT {max(0, wanted.limit)}"

@@ -346,6 +346,8 @@ class MoteMembers(CoordinatorPart):
         task = record.task
         if task.needs:
             return lacks_plugins(task.needs)
+        if (barred := self._eligibility.barred(task, f"{MEMBER_PREFIX}{mote.name}")) is not None:
+            return barred
         away_m = 0.0 if mote.place is None else task.place.distance_m(mote.place)
         if away_m > NEAR_M and not getattr(wanted, "mote", ""):
             return plain("far_from_place", f"is {away_m:.1f} m from the place", away_m=round(away_m, 3))

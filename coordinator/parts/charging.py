@@ -426,7 +426,7 @@ class Charging(CoordinatorPart):
     def _publish_waiting(self, now_ns: int) -> None:
         """Publish for each queued task that it waits for its robot to charge, and when this ends."""
         for record in self._book.open:
-            if record.own or record.state is not TaskState.QUEUED:
+            if record.own or record.task.paused or record.state is not TaskState.QUEUED:
                 continue
             robot = self._planning.waits_for_charge(record.task.id)
             known = record.reason if isinstance(record.reason, WaitsForCharge) else None

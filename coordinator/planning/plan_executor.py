@@ -100,9 +100,9 @@ class PlanExecutor:
         paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}
         for task_id, left in self._planning.left_out.items():
             record = self._book.find(task_id)
-            if record is None or record.state is not TaskState.QUEUED:
+            if record is None or record.state is not TaskState.QUEUED or eligibility.unplannable(record) is not None:
                 continue
-            if task_id in paused or eligibility.nobody_can(record) is not None:
+            if task_id in paused or eligibility.nobody_can(record, now_ns) is not None:
                 continue  # the published reason has more details
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done

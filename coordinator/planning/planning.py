@@ -78,7 +78,12 @@ class PlanInputs:
         pauses: Iterable[tuple[str, str]] = (),
         area_m2: float = 0.0,
     ) -> None:
+        records = list(records)
         self.tasks = _tasks(records)
+        self._terms = {
+            task.id: (task.priority, task.earliest_ns, task.deadline_ns, task.needs, task.paused)
+            for task in [record.task for record in records if not record.robot]
+        }
         self._members = members
         self._figures = {name: _figures(member) for name, member in members.items()}
         self._pauses = frozenset(pauses)
@@ -94,6 +99,9 @@ class PlanInputs:
             return "; ".join([*(f"{name} is there" for name in came), *(f"{name} is out" for name in gone)])
         if not now.tasks:
             return ""
+        for name, terms in now._terms.items():
+            if terms != self._terms.get(name, terms):
+                return f"{name} has changed"
         for name, member in now._members.items():
             if _abilities(member) != _abilities(self._members[name]):
                 return f"{name} can do other things than before"
@@ -200,7 +208,7 @@ class Planning:
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
         self._team_map = team_map
         self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
-        self._wait_reason = lifecycle.eligibility.wait_reason
+        self._eligibility = lifecycle.eligibility
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
         self._forecast_ns = 0
@@ -277,9 +285,9 @@ class Planning:
         records = self._plannable(now_ns)
         if not records and not self._inputs.tasks:
             return
-        inputs = PlanInputs(
-            records, self._builder.members(now_ns), self._backoff.pauses(now_ns), self._team_map.known_area_m2
-        )
+        members = self._builder.members(now_ns)
+        pauses = self._eligibility.pauses(records, members, now_ns)
+        inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2)
         cause = self._inputs.cause(inputs, left_out=len(self.left_out))
         if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
             cause = "a while has passed"
@@ -295,7 +303,8 @@ class Planning:
     def _ask(self, now_ns: int) -> None:
         cause, self._cause = self._cause, ""
         self._asked_ns = now_ns
-        records, members, pauses = self._plannable(now_ns), self._builder.members(now_ns), self._backoff.pauses(now_ns)
+        records, members = self._plannable(now_ns), self._builder.members(now_ns)
+        pauses = self._eligibility.pauses(records, members, now_ns)
         self._inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2)
         if not members or not records:
             self._plan = None
@@ -325,6 +334,11 @@ class Planning:
             ending=self._builder.ending(members, works),
             members=members,
             pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
+            waiting={
+                record.task.id: reason
+                for record in records
+                if not record.robot and (reason := self._eligibility.unplannable(record)) is not None
+            },
             works=works,
             served_s=self._builder.served_s(records, now_ns),
             floor=self._builder.floor(now_ns, wanted=bool(self.left_out)),
@@ -343,7 +357,8 @@ class Planning:
             CallError: too many wait for such a plan.
 
         """
-        records, members, pauses = self._plannable(now_ns), self._builder.members(now_ns), self._backoff.pauses(now_ns)
+        records, members = self._plannable(now_ns), self._builder.members(now_ns)
+        pauses = self._eligibility.pauses([*records, record], members, now_ns)
         if not self.is_on:
             on_plan(Supposed(0, None))
             return
@@ -395,7 +410,9 @@ class Planning:
             record = self._book.find(step.task)
             if record is None or record.task.robots > 1:
                 continue
-            if self._wait_reason(record, now_ns, left_s + step.travel_s) is not None:
+            if self._eligibility.wait_reason(record, now_ns, left_s + step.travel_s) is not None:
+                continue
+            if self._eligibility.unfit_reason(record, robot) is not None:
                 continue
             after = "" if not bound or bound[0].own else bound[0].task.id
             if after and left_s > LATEST_S and self._plan.problem.asked_ns < self._ending_ns.get(name, 0):
@@ -426,7 +443,7 @@ class Planning:
             record = self._book.find(task_id)
             if record is None or not len(names) == record.task.robots > 1:
                 continue
-            if self._wait_reason(record, now_ns, 0.0) is None:
+            if self._eligibility.wait_reason(record, now_ns, 0.0) is None:
                 yield task_id, names
 
     def begun(self, task_id: str, robot: str) -> None:

@@ -127,8 +127,9 @@ def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord
     running = [record for record in at_work if record.robot in there and record.task.id not in ended]
     running.sort(key=lambda record: record.task.id in snapshot.held)  # a robot's held task comes after its running one
     free = [record for record in snapshot.records if not record.robot]
-    queued = sorted((record for record in free if record.state is TaskState.QUEUED), key=urgency)
-    waiting: dict[str, TaskReason] = {
+    queued = [one for one in free if one.state is TaskState.QUEUED and one.task.id not in snapshot.waiting]
+    queued.sort(key=urgency)
+    waiting: dict[str, TaskReason] = snapshot.waiting | {
         record.task.id: holder_out(record.robot) for record in at_work if record.robot not in there
     }
     for record in free:

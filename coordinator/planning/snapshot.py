@@ -13,7 +13,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.reasons import RobotReason
+from robrain.protocol.reasons import RobotReason, TaskReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
     from robrain.protocol.model.grid_geometry import GridGeometry
@@ -86,6 +86,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     members: dict[str, PlanningRobot]
     pauses: dict[tuple[str, str], RobotReason]
     """Which task must not be offered to which robot now, and why."""
+    waiting: dict[str, TaskReason] = {}
+    """Queued tasks that no plan may include yet, and why."""
     works: dict[str, tuple[Work, ...]] = {}
     """Cost of each task at its place, by the robots that were asked; waiting for its service time if none answered."""
     served_s: dict[str, float]

@@ -28,7 +28,6 @@ from robrain.protocol.reasons import (
     PlanLeavesOut,
     RobotReason,
     TaskReason,
-    lacks_plugins,
     plain,
     position_unknown,
     sentence_of,
@@ -176,22 +175,22 @@ class TaskExplainer:
         """Whether a robot could do the task but is excluded from everything now."""
         return any(
             robot.has_token
-            and not self._eligibility.lacks(record, robot)
+            and self._eligibility.unfit_reason(record, robot) is None
             and self._planning.exclusion(robot, now_ns) is not None
             for robot in self._roster.robots.values()
         )
 
     def _ruled_out(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why a robot cannot get a task, whether or not it does another one now."""
-        if missing := self._eligibility.lacks(record, robot):
-            return lacks_plugins(missing)
+        if (unfit := self._eligibility.unfit_reason(record, robot)) is not None:
+            return unfit
         if (out := self._planning.exclusion(robot, now_ns)) is not None:
             return out
         return self._backoff.pause_reason(record.task.id, robot.name, now_ns)
 
     def _reason(self, record: TaskRecord, now_ns: int) -> TaskReason:
         """Why a queued task is not at a robot now."""
-        reason = self._eligibility.wait_reason(record, now_ns) or self._eligibility.nobody_can(record)
+        reason = self._eligibility.wait_reason(record, now_ns) or self._eligibility.nobody_can(record, now_ns)
         planning, task_id = self._planning, record.task.id
         if reason is None and (planning.waits_for_charge(task_id) or not self.able_but_out(record, now_ns)):
             reason = planning.queued_reason(task_id, now_ns)

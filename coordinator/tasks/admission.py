@@ -93,13 +93,14 @@ def impossibility(
         or _zone_refusal(task.place, zones, seen, robots, radius_m)
         or _place_refusal(task, grid, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
+        or _same_robot_refusal(task, others)
         or _cycle_refusal(task, others)
     )
 
 
 def unknown_names(
     task: Task,
-    after: Container[str],
+    known_tasks: Container[str],
     motes: Callable[[], Mapping[str, str]],
     chargers: Callable[[], Sequence[Point2D]],
 ) -> str:
@@ -107,13 +108,13 @@ def unknown_names(
 
     Args:
         task: a new one.
-        after: ids of those predecessors that are known.
+        known_tasks: ids of those tasks that it depends on and that are known.
         motes: all known motes, each with its quantity; if there are none, any may be there.
         chargers: places of those that robots know; if none is known, one may be anywhere.
 
     """
-    for name in task.after:
-        if name not in after:
+    for name in task.others:
+        if name not in known_tasks:
             return f"it is to wait for task {name}, and there is none of that name"
     mote = task.parameters.get("mote") if task.kind in KINDS_WITH_MOTE else None
     if mote and (known := motes()) and mote not in known:
@@ -161,8 +162,8 @@ def capability_refusal(task: Task, plugins: Mapping[str, Iterable[str] | None]) 
 
 
 def dependency_refusal(task: Task, others: Mapping[str, TaskRecord]) -> AfterEnded | None:
-    """Why a predecessor of the task will never be done; None if all may be."""
-    for name in task.after:
+    """Why a task that it depends on will never be done; None if all may be."""
+    for name in task.others:
         other = others.get(name)
         if other is not None and other.state.ended and other.state is not TaskState.DONE:
             because = other.reason.because if isinstance(other.reason, AfterEnded) else other.reason
@@ -267,7 +268,7 @@ def _fits_near(place: Point2D, grid: "OccupancyGrid", radius_m: float) -> bool:
 
 def _cycle_refusal(task: Task, others: Mapping[str, TaskRecord]) -> str:
     came_from: dict[str, str] = {}
-    waiting = [(name, task.id) for name in task.after]
+    waiting = [(name, task.id) for name in task.others]
     while waiting:
         name, before = waiting.pop()
         if name in came_from:
@@ -279,5 +280,12 @@ def _cycle_refusal(task: Task, others: Mapping[str, TaskRecord]) -> str:
                 circle.append(before)
             return f"it would wait for itself: {' after '.join([task.id, *circle[:0:-1], task.id])}"
         if name in others:
-            waiting += [(further, name) for further in others[name].task.after]
+            waiting += [(further, name) for further in others[name].task.others]
     return ""
+
+
+def _same_robot_refusal(task: Task, others: Mapping[str, TaskRecord]) -> str:
+    other = others.get(task.same_robot_as)
+    if other is None or other.task.robots == 1:
+        return ""
+    return f"it is for the robot of {task.same_robot_as}, and that task is for {other.task.robots} robots"

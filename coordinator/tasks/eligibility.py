@@ -5,7 +5,7 @@ recovers, its token and states arrive before its queryables. Without a pause the
 offer at once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Protocol, TypeVar
 
 from robrain.coordinator.tasks.admission import capability_refusal, needed_plugins
@@ -17,9 +17,10 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
+    Gone,
     NeedsEnergy,
     Occupied,
     OfferRefusal,
@@ -31,6 +32,7 @@ from robrain.protocol.reasons import (
     RobotHalted,
     RobotOut,
     RobotReason,
+    SameRobot,
     TaskReason,
     halted,
     holder_out,
@@ -59,6 +61,8 @@ REFUSALS_FREE = 3
 """Consecutive refusals of frontiers without a pause (chosen); the next frontier may be reachable."""
 REPORTED_MAX = 8
 """Most robots that a reason names."""
+PAUSED = "paused"
+"""Kind of the reason of a paused task."""
 NOBODY_THERE = plain("nobody_there", "no robot is there")
 
 
@@ -264,6 +268,8 @@ class Eligibility:
             return plain("is_own", "it is one of the coordinator itself")
         if (refusal := self.offer_refusal()) is not None:
             return refusal
+        if (task.paused or task.same_robot_as) and (reason := self.unplannable(record)) is not None:
+            return reason
         if holder := self.held_elsewhere.by(task.id, now_ns):
             return holder_out(holder)
         if now_ns + to_ns(travel_s) < task.earliest_ns:
@@ -278,13 +284,27 @@ class Eligibility:
                 return plain("after_open", text, task=name, state=other.state)
         return None
 
+    def unplannable(self, record: TaskRecord) -> TaskReason | None:
+        """Why no plan may include a queued task yet; None if plans may."""
+        if record.task.paused:
+            reason = record.reason
+            return reason if reason is not None and reason.code == PAUSED else plain(PAUSED, "it is paused")
+        other = record.task.same_robot_as
+        return SameRobot(other) if other and not self._robot_of(other) else None
+
     def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """Conditions for a task that is not in the book before any robot could begin it; None if there are none."""
-        reason = self.wait_reason(record, now_ns) or self.nobody_can(record)
+        reason = self.wait_reason(record, now_ns) or self.nobody_can(record, now_ns)
         return reason or (None if self._roster.up(now_ns) else NOBODY_THERE)
 
-    def nobody_can(self, record: TaskRecord) -> TaskReason | None:
+    def nobody_can(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """Why no robot of the team can do the task; None if one can, or may."""
+        other = record.task.same_robot_as
+        if other and (name := self._robot_of(other)):
+            robot = self._roster.robots.get(name)
+            has_gone = self._roster.is_complete(now_ns) and (robot is None or robot.has_gone)
+            if out := Gone() if has_gone else robot and robot.out_of_service:
+                return SameRobot(other, name, out)
         return capability_refusal(record.task, self._capabilities.plugins)
 
     def hopeless(self, record: TaskRecord, now_ns: int) -> PlainReason | None:
@@ -296,7 +316,7 @@ class Eligibility:
             return None
         outs = []
         for robot in self._roster.up(now_ns):
-            if self.lacks(record, robot):
+            if self.unfit_reason(record, robot) is not None:
                 continue
             reason = self._backoff.last_word(record.task.id, robot.name)
             if reason is None:
@@ -310,8 +330,8 @@ class Eligibility:
 
     def refusal(self, record: TaskRecord, robot: Robot, now_ns: int) -> RobotReason | None:
         """Why a task is not offered to a robot; None if it may be."""
-        if missing := self.lacks(record, robot):
-            return lacks_plugins(missing)
+        if (unfit := self.unfit_reason(record, robot)) is not None:
+            return unfit
         if (out := robot.down_reason(now_ns) or robot.out_of_service) is not None:
             return out
         if robot.state is not None and robot.state.halted:
@@ -320,7 +340,31 @@ class Eligibility:
             return plain("at_task", f"is at {other.task.id}", task=other.task.id)
         return self._backoff.pause_reason(record.task.id, robot.name, now_ns)
 
-    def lacks(self, record: TaskRecord, robot: Robot) -> tuple[str, ...]:
-        """Plugins that a task needs and a robot lacks."""
+    def unfit_reason(self, record: TaskRecord, robot: Robot) -> RobotReason | None:
+        """Why a task is not for a robot with its present plugins; None if it may be."""
         plugins = self._capabilities.plugins.get(robot.name)
-        return tuple(name for name in needed_plugins(record.task) if plugins is not None and name not in plugins)
+        missing = [name for name in needed_plugins(record.task) if plugins is not None and name not in plugins]
+        return lacks_plugins(missing) if missing else self.barred(record.task, robot.name)
+
+    def pauses(
+        self, records: Iterable[TaskRecord], robots: Iterable[str], now_ns: int
+    ) -> dict[tuple[str, str], RobotReason]:
+        """Which task must not be offered to which robot now, and why."""
+        found = self._backoff.pauses(now_ns)
+        for task in [record.task for record in records if record.task.same_robot_as or record.task.excluded]:
+            found |= {(task.id, name): barred for name in robots if (barred := self.barred(task, name)) is not None}
+        return found
+
+    def barred(self, task: Task, robot: str) -> PlainReason | None:
+        """Why a task is not for a robot, whatever it can do; None if it may be."""
+        other = task.same_robot_as
+        if robot in task.excluded:
+            return plain("excluded", "is excluded from it")
+        if not other or self._robot_of(other) in ("", robot):
+            return None
+        return plain("other_robot", f"is not the robot of {other}", task=other)
+
+    def _robot_of(self, task_id: str) -> str:
+        """The robot that does or did a task; empty if it has none."""
+        record = self._book.find(task_id)
+        return "" if record is None else record.robot

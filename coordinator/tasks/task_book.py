@@ -17,7 +17,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
 from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, reason_from, sentence_of
 
 ATTEMPTS = 3
@@ -29,11 +29,11 @@ KEPT_ENDED = 1000
 _ENDS = frozenset({TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED})
 LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
     None: frozenset({TaskState.QUEUED}),
-    # A queued task may be published again with another reason; if an earlier robot finished it after all, it is done.
+    # A task may be published again with another reason or as changed; if an earlier robot finished it, it is done.
     TaskState.QUEUED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED},
-    TaskState.OFFERED: _ENDS | {TaskState.QUEUED, TaskState.RUNNING},
-    TaskState.RUNNING: _ENDS | {TaskState.QUEUED, TaskState.LOST_CONTACT},
-    TaskState.LOST_CONTACT: _ENDS | {TaskState.QUEUED, TaskState.RUNNING},
+    TaskState.OFFERED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING},
+    TaskState.RUNNING: _ENDS | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
+    TaskState.LOST_CONTACT: _ENDS | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
     TaskState.DONE: frozenset(),
     TaskState.FAILED: frozenset(),
     TaskState.CANCELLED: frozenset(),
@@ -197,6 +197,22 @@ class TaskBook:
         record = self._open[task_id]
         return self._change(record, state, reason, robot=record.robot, result=result or record.result)
 
+    def update(self, task: Task, reason: TaskReason, *, recalls: bool) -> TaskRecord:
+        """Replace an open task by one with the same id.
+
+        Args:
+            task: the new one.
+            reason: why.
+            recalls: whether its robot has to give it back. The task stays with the robot until it has; several robots,
+                or a mote, have lost it at once.
+
+        """
+        record = self._open[task.id]
+        if recalls and (not record.robot or record.robot.startswith(MEMBER_PREFIX)):
+            return self._change(record, TaskState.QUEUED, reason, task=task)
+        recalled = record.recalled or recalls
+        return self._change(record, record.state, reason, task=task, robot=record.robot, recalled=recalled)
+
     def give_back(self, task_id: str, reason: TaskReason | None, *, failed: bool = False) -> TaskRecord:
         """A robot does not do its task: queue it again, or end it if it is the coordinator's own.
 
@@ -246,7 +262,10 @@ class TaskBook:
             self.move(status.id, TaskState.DONE, reason_from(status.why), status.result)
         else:
             refusal = None if status.reason is None else RobotOut(robot, Refused(status.reason))
-            self.give_back(status.id, refusal or reason_from(status.why), failed=status.state is TaskState.FAILED)
+            has_failed = status.state is TaskState.FAILED
+            is_as_asked = record.recalled and not has_failed
+            why = record.reason if is_as_asked else refusal or reason_from(status.why)
+            self.give_back(status.id, why, failed=has_failed)
         return record
 
     def record_done_by_team(self, task_id: str, robot: str, epoch: int, reason: TaskReason) -> None:
@@ -265,6 +284,7 @@ class TaskBook:
         if state not in LEGAL[record.state]:
             raise ValueError(f"task {record.task.id}: {state} cannot follow {record.state}")
         fields = {"robot": "", **fields}  # no robot unless one is given
+        fields.setdefault("recalled", record.recalled and bool(fields["robot"]) and not state.ended)
         changed = msgspec.structs.replace(
             record, state=state, why=sentence_of(reason), reason=reason, changed_ns=self._clock.now_ns(), **fields
         )

@@ -198,6 +198,8 @@ class TaskLifecycle:
         return record
 
     def _was_held(self, record: TaskRecord) -> bool:
+        if record.recalled:
+            return False
         return record.state is TaskState.OFFERED and self._ahead.get(record.robot, ("", ""))[1] == record.task.id
 
     def process_answers(self, now_ns: int) -> bool:
@@ -309,6 +311,8 @@ class TaskLifecycle:
                     freed = True
                 elif move is not None:
                     self.book.move(task_id, move.state, move.reason)
+                elif not record.recalled and (barred := self.eligibility.barred(record.task, record.robot)) is not None:
+                    self.book.update(record.task, RobotOut(record.robot, barred), recalls=True)
             elif end := self._end_reason_of(record, now_ns, others_changed=others_changed):
                 self.book.move(task_id, *end)
 
@@ -355,9 +359,9 @@ class TaskLifecycle:
             return TaskState.CANCELLED, record.reason or plain("not_offered", "it was offered to nobody")
         if task.deadline_ns is not None and now_ns > task.deadline_ns:
             return TaskState.FAILED, DeadlinePassed(reason_of(record))
-        if not others_changed or not task.after:
+        if not others_changed or not task.others:
             return None
-        others = {name: found for name in task.after if (found := self.book.find(name)) is not None}
+        others = {name: found for name in task.others if (found := self.book.find(name)) is not None}
         ended = dependency_refusal(task, others)
         return None if ended is None else (TaskState.CANCELLED, ended)
 
@@ -366,7 +370,7 @@ class TaskLifecycle:
         ready = [record for record in self.book.open if self.eligibility.wait_reason(record, now_ns) is None]
         with self.as_far_as_written(now_ns):
             for record in ready:
-                reason = self.eligibility.nobody_can(record)
+                reason = self.eligibility.nobody_can(record, now_ns)
                 if reason is not None and reason != record.reason:  # published once, and at each change
                     self.book.move(record.task.id, TaskState.QUEUED, reason)
         return ready
@@ -417,11 +421,12 @@ class TaskLifecycle:
                     self.book.give_back(record.task.id, reason)
 
     def withdraw_strays(self, now_ns: int) -> None:
-        """Withdraw tasks that robots do or hold and that the book has closed, or assigned to another robot."""
+        """Withdraw tasks that robots do or hold and that the book has closed, recalled, or given to another robot."""
         for robot in self.roster.up(now_ns):
             if robot.state is None or (robot.state.task is None and robot.state.next_task is None):
                 continue
-            for status in strays(robot, self.book.bound_to(robot.name), now_ns):
+            kept = [record for record in self.book.bound_to(robot.name) if not record.recalled]
+            for status in strays(robot, kept, now_ns):
                 withdrawal = (robot.name, status.id, status.epoch)
                 if now_ns - self._withdrawn_ns.get(withdrawal, -WITHDRAW_AGAIN_NS) < WITHDRAW_AGAIN_NS:
                     continue
@@ -435,7 +440,7 @@ class TaskLifecycle:
         record = self.book.find(status.id)
         if record is None:
             reason = "the coordinator knows nothing of it"
-        elif record.state is TaskState.CANCELLED:
+        elif record.state is TaskState.CANCELLED or record.recalled:
             reason = record.why
         else:
             reason = f"it was given to others: it is {record.state}{f' at {record.robot}' if record.robot else ''}"

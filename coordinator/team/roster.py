@@ -72,6 +72,11 @@ class Robot:
         return self.left_ns is not None and self.left_ns == self.last_seen_ns
 
     @property
+    def has_gone(self) -> bool:
+        """Whether it has left the network: it had a token, and has none now."""
+        return not self.has_token and (self.received_ns is not None or self.before is not None)
+
+    @property
     def continues(self) -> bool:
         """Whether it continues without a coordinator, and allocates tasks with others."""
         if self.state is None:
@@ -101,10 +106,10 @@ class Robot:
         """The reason why the robot is not up; None if it is."""
         if self.is_up(now_ns):
             return None
-        if self.received_ns is None and (self.has_token or self.before is None):
-            return NoState()
-        if not self.has_token:
+        if self.has_gone:
             return Gone()
+        if self.received_ns is None:
+            return NoState()
         silent_s = round(self.age_s(now_ns), 3)
         return plain("lost_contact", f"lost contact {silent_s:.1f} s ago", silent_s=silent_s)
 
@@ -148,6 +153,10 @@ class Roster:
     def by_name(self) -> list[Robot]:
         """All robots, by name; not to be changed."""
         return self._by_name
+
+    def is_complete(self, now_ns: int) -> bool:
+        """Whether robots that are there have been found; not just after the start."""
+        return now_ns >= self._found_ns
 
     def set_out_of_service(self, reasons: Mapping[str, OutOfService]) -> None:
         """Give these robots no tasks, for a reason each, also if they come later; all others are in service."""
@@ -288,7 +297,7 @@ class Roster:
             state, reason, out = robot.state, reasons.get(robot.name), robot.down_reason(now_ns) or robot.out_of_service
             age_s = round(min(robot.age_s(now_ns), 1e6), 3)
             if robot.before is not None and isinstance(out, Gone) and state is None:
-                if all_robots or now_ns >= self._found_ns:
+                if all_robots or self.is_complete(now_ns):
                     gone = replace(
                         robot.before.summary, up=False, age_s=age_s, why=sentence_of(out), idle=None, out=out
                     )

@@ -29,7 +29,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE, VISIT
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.schema.announced_parameters import check_announced
 
-HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots"}
+HIDDEN = {"id", "kind", "parameters", "earliest_ns", "deadline_ns", "needs", "after", "robots", "excluded", "paused"}
 """Fields of tasks that the form leaves to scripts, and the id, which is generated."""
 GANTT_PERIOD_S = 1.0
 BELOW_THE_FORM = 1e9

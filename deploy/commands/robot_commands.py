@@ -38,6 +38,16 @@ def hold(
 
 
 @robot_app.command()
+def pause(
+    robot: RobotArgument, reason: ReasonOption = "", connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
+) -> None:
+    """Stop a robot where it is until it is resumed: it keeps its task. This is no emergency halt."""
+    with connect_team(connect, team) as client:
+        client.hold_robot(robot, reason, stands=True)
+    print_result(f"{robot}: paused")
+
+
+@robot_app.command()
 def retire(
     robot: RobotArgument, reason: ReasonOption = "", connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
 ) -> None:
@@ -48,8 +58,9 @@ def retire(
 
 
 @robot_app.command()
+@robot_app.command("resume")
 def release(robot: RobotArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
-    """Put a robot back into service."""
+    """Put a robot back into service; a paused one continues its task."""
     with connect_team(connect, team) as client:
         client.release_robot(robot)
     print_result(f"{robot}: in service")

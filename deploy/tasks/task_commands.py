@@ -1,4 +1,4 @@
-"""`robrain task`: submit tasks to a team, list, explain and cancel them."""
+"""`robrain task`: submit tasks to a team, list, explain, change and cancel them."""
 
 import inspect
 import sys
@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import msgspec
 import typer
 
-from robrain.client.submission import AS_SENT, TaskFields, any_zone, submission_of
+from robrain.client.submission import AS_SENT, ChangeFields, TaskFields, any_zone, submission_of
 from robrain.deploy.command_line.command_group import OPERATE
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, place
 from robrain.deploy.command_line.output import print_either, print_json
@@ -230,7 +230,7 @@ EXIT_NOT_DONE = 1
 task_app = typer.Typer(
     rich_help_panel=OPERATE,
     name="task",
-    help="Submit tasks to a team; list, explain and cancel them.",
+    help="Submit tasks to a team; list, explain, change and cancel them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -293,18 +293,68 @@ def show(
     print_either(record, lines, as_json=as_json)
 
 
+IdsArgument = Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Tasks, or give a filter.")]
+ReasonOption = Annotated[str, typer.Option(help="Reason, for the record.")]
+StateFilter = Annotated[list[str] | None, typer.Option("--state", help="Tasks in this state; may be repeated.")]
+KindFilter = Annotated[list[str] | None, typer.Option("--kind", help="Tasks of this kind; may be repeated.")]
+OfRobotFilter = Annotated[str, typer.Option("--of-robot", help="Tasks that this robot has.")]
+ByFilter = Annotated[str, typer.Option("--by", help="Tasks submitted by this name, such as a rule's.")]
+PrefixFilter = Annotated[str, typer.Option("--prefix", help="Tasks whose ids begin so.")]
+
+
 @task_app.command()
-def cancel(
-    task_id: IdArgument,
-    reason: Annotated[str, typer.Option(help="Reason, for the record.")] = "",
+def change(
+    task_ids: IdsArgument = None,
+    state: StateFilter = None,
+    kind: KindFilter = None,
+    of_robot: OfRobotFilter = "",
+    by: ByFilter = "",
+    prefix: PrefixFilter = "",
+    priority: Annotated[float | None, typer.Option(help="New priority.", min=0.0)] = None,
+    deadline: Annotated[float | None, typer.Option(help="New time limit, seconds from now.", min=0.0)] = None,
+    earliest: Annotated[float | None, typer.Option(help="New earliest start, seconds from now.", min=0.0)] = None,
+    robot: Annotated[str, typer.Option(help="The robot that must do them from now on.")] = "",
+    not_robot: Annotated[str, typer.Option(help="A robot that must not do them from now on.")] = "",
+    paused: Annotated[bool | None, typer.Option("--pause/--resume", help="Paused tasks are not offered.")] = None,
+    reason: ReasonOption = "",
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
-    """Cancel a task; the robot that works on it stops."""
+    """Change, pause or resume open tasks; a robot gives back a task that it must not do as it was."""
+    changes = ChangeFields(
+        priority=priority, deadline_s=deadline, earliest_s=earliest, robot=robot, excluded=not_robot, paused=paused
+    )
+    if all(value in (None, "") for value in changes.values()):
+        raise UsageError("expected a change, such as --priority 3 or --pause")
+    changes["why"] = reason
+    tasks = _selection(task_ids, state, kind, of_robot, by, prefix)
     with connect_team(connect, team) as client:
-        record = client.cancel(task_id, reason)
-    print_either(record, [line_of(record)], as_json=as_json)
+        records = client.change(tasks, **changes)
+    print_either(records, map(line_of, records), as_json=as_json)
+
+
+@task_app.command()
+def cancel(
+    task_ids: IdsArgument = None,
+    state: StateFilter = None,
+    kind: KindFilter = None,
+    of_robot: OfRobotFilter = "",
+    by: ByFilter = "",
+    prefix: PrefixFilter = "",
+    reason: ReasonOption = "",
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Cancel tasks; the robots that work on them stop."""
+    tasks = _selection(task_ids, state, kind, of_robot, by, prefix)
+    with connect_team(connect, team) as client:
+        if isinstance(tasks, TaskFilter):
+            records = client.cancel_all(tasks, reason)
+        else:
+            records = [client.cancel(task_id, reason) for task_id in tasks]
+    print_either(records[0] if task_ids and len(records) == 1 else records, map(line_of, records), as_json=as_json)
 
 
 @task_app.command()
@@ -378,6 +428,17 @@ def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_j
         behind = f": {one.why}" if one.why else ""
         lines.append(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
     print_either(charges, lines, as_json=as_json)
+
+
+def _selection(
+    ids: list[str] | None, states: list[str] | None, kinds: list[str] | None, robot: str, by: str, prefix: str
+) -> list[str] | TaskFilter:
+    """The ids, or the filter (UsageError unless exactly one is given)."""
+    is_filtered = bool(states or kinds or robot or by or prefix)
+    if is_filtered == bool(ids):
+        raise UsageError("expected either ids of tasks, or a filter such as --kind visit")
+    found = [_state(text) for text in states or []]
+    return ids or TaskFilter(states=found, kinds=kinds or [], robot=robot, by=by, prefix=prefix)
 
 
 def _open_states() -> list[TaskState]:

@@ -311,6 +311,10 @@ class Travel:
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
             return TravelState.ARRIVED
+        if self._env.tasks.stands:
+            if self._leg is not None:
+                self._leg.stop(self._travel_claim.claim)
+            return TravelState.WAITING
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW

@@ -10,7 +10,7 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_F
 from robrain.protocol.messages.robots.witness_messages import ROBOT_WITNESS
 from robrain.protocol.messages.tasks.consensus_messages import ROBOT_SUBMIT
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_SUBMIT
+from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_CHANGE, TASK_SUBMIT
 from robrain.protocol.messages.team.arena_messages import ARENA_CAN, ARENA_RADIO_TX, ARENA_SERIAL_TX, ARENA_TRUTH
 from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
@@ -70,6 +70,7 @@ ASKS: dict[str, Roles] = {
     ROBOT_WITNESS.name: _COORDINATOR,
     TASK_SUBMIT.name: _DESK,
     TASK_CANCEL.name: _DESK,
+    TASK_CHANGE.name: _DESK,
     COORDINATOR_COPY.name: _COORDINATOR,
 }
 """Roles that ask a query. Else operators ask the queries that change something, and all ask those that only read."""

@@ -1,4 +1,4 @@
-"""`robrain task add` makes tasks of its options; `robrain task charges` prints the schedule of the chargers."""
+"""`robrain task add`, `change` and `cancel` make requests of their options; `charges` prints the chargers' schedule."""
 
 from contextlib import nullcontext
 
@@ -6,9 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 from robrain.client.submission import submission_of
+from robrain.deploy.errors import UsageError
 from robrain.deploy.tasks import task_commands
 from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.task import TaskState
@@ -26,11 +27,20 @@ class Client:
 
     def __init__(self):
         self.submitted = []
+        self.asked = []
         self.charges = CHARGES
 
     def submit(self, kind, *, id, parameters):
         self.submitted.append((kind, id, parameters))
         return TaskRecord(task=submission_of(kind, {"id": id, **parameters}).task, state=TaskState.QUEUED)
+
+    def change(self, tasks, **changes):
+        self.asked.append((tasks, {name: value for name, value in changes.items() if value not in (None, "")}))
+        return []
+
+    def cancel_all(self, which, why):
+        self.asked.append((which, why))
+        return []
 
     def planning(self):
         return PlanningStatus(objective=Objective.ENERGY, method="optimal", charges=self.charges)
@@ -66,3 +76,33 @@ def test_the_schedule_of_the_chargers_is_printed_one_robot_a_line(client):
         "r1: charges at (2.0, 1.5), 40% to 60%",
         f"r2: is to charge at (2.0, 1.5), 20% to 95%: {CHARGES[1].why}",
     ]
+
+
+def test_tasks_are_changed_and_cancelled_by_ids_or_by_a_filter(client):
+    run("change", "a", "b", "--priority", "3", "--robot", "r2", "--deadline", "60", "--reason", "late")
+    run("change", "--kind", "visit", "--of-robot", "r1", "--state", "running", "--pause")
+    run("change", "--prefix", "gate-", "--resume", "--not-robot", "r1", "--earliest", "5")
+    run("cancel", "--by", "night-round", "--reason", "enough")
+    which = TaskFilter(states=[TaskState.RUNNING], kinds=["visit"], robot="r1")
+    assert client.asked == [
+        (["a", "b"], {"priority": 3.0, "robot": "r2", "deadline_s": 60.0, "why": "late"}),
+        (which, {"paused": True}),
+        (TaskFilter(prefix="gate-"), {"paused": False, "excluded": "r1", "earliest_s": 5.0}),
+        (TaskFilter(by="night-round"), "enough"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("change", "a"), "expected a change, such as --priority 3 or --pause"),
+        (("change", "--pause"), "expected either ids of tasks, or a filter such as --kind visit"),
+        (("change", "a", "--kind", "visit", "--pause"), "expected either ids of tasks, or a filter"),
+        (("cancel",), "expected either ids of tasks, or a filter"),
+        (("cancel", "--state", "odd"), "--state odd: expected one of queued"),
+    ],
+)
+def test_a_change_without_tasks_or_without_anything_to_change_is_refused(client, words, text):
+    with pytest.raises(UsageError, match=text):
+        run(*words)
+    assert client.asked == []

@@ -15,7 +15,7 @@ from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import JsonSchema, Prose, Result
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Charge, Count, Epoch, Name, Names, Quantity, Seconds, Stamp, Text
+from robrain.protocol.model.ranges import Charge, Count, Epoch, Name, Names, Priority, Quantity, Seconds, Stamp, Text
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import RobotReason, TaskReason, sentence_of
 from robrain.protocol.topic import Q, Query, R, Urgency
@@ -113,6 +113,8 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Number of robots that have failed at it."""
     reason: TaskReason | None = None
     """Why it stands so; None if there is no reason, or only its words are known, as from an older journal."""
+    recalled: bool = False
+    """Whether its robot is to give it back, because the task was changed; it is queued once the robot has."""
     estimate: TaskEstimate | None = None
     """Of an open task that a plan includes, as of the answer."""
 
@@ -150,10 +152,43 @@ class TaskFilter(msgspec.Struct, frozen=True, kw_only=True):
     """Tags of the task types, such as `visit`."""
     robot: Name = ""
     by: Text = ""
+    """Name of the requester, or of the rule."""
+    prefix: Name = ""
+    """Only tasks whose ids begin so."""
     own: bool = False
     """Include tasks that the coordinator created."""
     limit: Limit = 1000
     """At most this many tasks, the most recently accepted ones."""
+
+
+class TaskUpdate(msgspec.Struct, frozen=True, kw_only=True):
+    """Changes or cancels tasks that were submitted and have not ended. It is refused if it is wrong for one of them.
+
+    A robot gives back a task whose robot or times change, or that is paused; then the task is queued. The same update
+    again changes nothing, but times count from then.
+    """
+
+    ids: Names = []
+    """The tasks, unless `which` is given."""
+    which: TaskFilter | None = None
+    """Selects open tasks instead; its `limit` and `own` do not count."""
+    by: Text = ""
+    why: Text = ""
+    """Reason of the change."""
+    priority: Priority | None = None
+    """None, as of the fields below: it stays as it is."""
+    earliest_in_s: Seconds | None = None
+    """Earliest start, seconds after the coordinator accepts the update."""
+    deadline_in_s: Seconds | None = None
+    """Latest end, seconds after the coordinator accepts the update."""
+    robot: Name = ""
+    """The robot that must do them from now on."""
+    excluded: Name = ""
+    """A robot that must not do them from now on."""
+    paused: bool | None = None
+    """True pauses them, False resumes them."""
+    cancels: bool = False
+    """Whether they are cancelled."""
 
 
 class KnownKind(msgspec.Struct, frozen=True, kw_only=True):
@@ -341,6 +376,8 @@ TASK_DRY_RUN = _task_query(
     "dry_run", TaskSubmission, TaskDryRun, "Expected result if the task were submitted now",
     reads_only=True, timeout_s=PLAN_S)  # fmt: skip
 TASK_CANCEL = _task_query("cancel", TaskRequest, TaskRecord, "Cancel a task: replies its record")
+TASK_CHANGE = _task_query(
+    "change", TaskUpdate, list[TaskRecord], "Change, pause, resume or cancel tasks: replies their records")  # fmt: skip
 TASK_LIST = _task_query("list", TaskFilter, list[TaskRecord], "Records of tasks", reads_only=True)
 TASK_GET = _task_query("get", TaskRequest, TaskRecord, "Record of one task", reads_only=True)
 TASK_KINDS = _task_query("kinds", NoneType, list[KnownKind], "Kinds of tasks that the robots offer", reads_only=True)

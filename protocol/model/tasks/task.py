@@ -71,9 +71,15 @@ class Task(Checked, frozen=True, kw_only=True, omit_defaults=True):
     service_s: Duration = 0.0
     """Expected time at its place; a visit stays this long."""
     needs: Needs = ()
-    """Names of plugins that a robot must have for it, besides the behavior."""
+    """Names of plugins that a robot must have for it, besides the behavior; the name of a robot means that robot."""
+    excluded: Needs = ()
+    """Names of robots that must not do it."""
+    paused: bool = False
+    """Whether it is not offered until it is resumed."""
     after: After = ()
     """Ids of the tasks that must be done before."""
+    same_robot_as: Name = ""
+    """Id of the task whose robot must do this one too; empty for any robot."""
     robots: Team = 1
     """Number of robots that must work on it at the same time."""
     parameters: Parameters = msgspec.field(default_factory=dict)
@@ -85,6 +91,13 @@ class Task(Checked, frozen=True, kw_only=True, omit_defaults=True):
             raise ValueError(f"expected deadline_ns after earliest_ns {self.earliest_ns}, got {self.deadline_ns}")
         if not (math.isfinite(self.place.x_m) and math.isfinite(self.place.y_m)):
             raise ValueError(f"expected a finite place, got {self.place}")
+        if self.same_robot_as and self.robots > 1:
+            raise ValueError(f"expected one robot with same_robot_as, got robots {self.robots}")
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Ids of the tasks that it depends on."""
+        return (*self.after, self.same_robot_as) if self.same_robot_as else self.after
 
     def moved_in_time(self, by_ns: int) -> "Task":
         """The task with its times moved, from one clock to another."""

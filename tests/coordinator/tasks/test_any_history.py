@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.errors import CallError
-from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskFilter, TaskRequest
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_CHANGE,
+    TaskFilter,
+    TaskRecord,
+    TaskRequest,
+    TaskUpdate,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.session import open_lockstep_session
@@ -22,10 +29,21 @@ ROBOTS = ("r1", "r2", "r3")
 TASKS = [f"t{number}" for number in range(8)]
 AFTER = {"t1": ("t0",), "t3": ("t1", "t2"), "t4": ("t5",)}
 """What tasks wait for; those of which one of these was not submitted before are refused."""
+SAME_ROBOT = {"t6": "t5", "t7": "t0"}
+"""Tasks that the robot of another one has to do."""
 TROUBLE = ["isolated", "stopped", "halted"]
 LONGEST_S = 400.0
 STEP_S = 0.1
 
+CHANGES = st.sampled_from(
+    [
+        {"paused": True},
+        {"paused": False},
+        {"priority": 5.0},
+        {"deadline_in_s": 30.0},
+        *({field: name} for field in ("robot", "excluded") for name in ROBOTS),
+    ]
+)
 robots = st.sampled_from(range(len(ROBOTS)))
 ACTIONS = st.one_of(
     st.tuples(st.just("submit"), st.sampled_from(TASKS), st.none()),
@@ -42,6 +60,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("restart"), robots),
     st.tuples(st.just("kill")),
     st.tuples(st.just("cancel"), st.sampled_from(TASKS)),
+    st.tuples(st.just("change"), st.sampled_from(TASKS), CHANGES, st.booleans()),
 )
 
 
@@ -64,8 +83,16 @@ class History:
         with suppress(CallError):
             self.team.ask(TASK_CANCEL, TaskRequest(id=name))
 
+    def change(self, name, fields, is_killed):
+        """A task is changed; the coordinator may be killed before it has told the robots."""
+        with suppress(CallError):
+            self.team.ask(TASK_CHANGE, TaskUpdate(ids=[name], **fields), list[TaskRecord])
+        if is_killed:
+            self.kill()
+
     def submit(self, name, deadline_s):
-        task = Task(id=name, kind="visit", place=Point2D(4.0 + 0.5 * TASKS.index(name), 4.0), after=AFTER.get(name, ()))
+        place, other = Point2D(4.0 + 0.5 * TASKS.index(name), 4.0), SAME_ROBOT.get(name, "")
+        task = Task(id=name, kind="visit", place=place, after=AFTER.get(name, ()), same_robot_as=other)
         try:
             self.team.submit(task, deadline_in_s=deadline_s)
         except CallError as error:  # another deadline than before, or it waits for one that failed or is not there
@@ -144,7 +171,9 @@ class History:
             assert all(state is TaskState.OFFERED for _, state in bound[1:]), bound
 
     def finish(self):
-        """All robots are well again and obey: every task comes to an end."""
+        """All robots are well again and obey, and no task is paused: every task comes to an end."""
+        open_tasks = TaskUpdate(which=TaskFilter(), paused=False)
+        self.team.ask(TASK_CHANGE, open_tasks, list[TaskRecord])
         for robot in range(len(ROBOTS)):
             self.well(robot)
             self.slows(robot, 2.0)

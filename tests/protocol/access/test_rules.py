@@ -36,6 +36,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "robot_witness": {C},
     "task_submit": {OP, D},
     "task_cancel": {OP, D},
+    "task_change": {OP, D},
     "coordinator_objective": {OP},
     "coordinator_backup": {OP},
     "coordinator_lead": {OP},

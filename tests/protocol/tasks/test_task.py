@@ -53,7 +53,7 @@ EXAMPLES = [
     task("explore"),
     task("replace", Replace(mote="m3", duration_s=60.0, period_s=2.0)),
     task("sense", Sense(quantity="light_lx", mote="m3", timeout_s=10.0)),
-    task("seek", Seek(quantity="light_lx", duration_s=90.0, reach_m=8.0)),
+    task("seek", Seek(quantity="light_lx", duration_s=90.0, reach_m=8.0), same_robot_as="visit-1"),
     task("recharge", Recharge(yaw_rad=0.5, until_soc=0.8)),
 ]
 NEVER_OLD = {"patrol", "seek", "deliver", "sweep", "follow", "guard"}
@@ -137,6 +137,7 @@ def test_what_is_no_task_of_the_old_form_is_left_as_it_is(payload):
         ({"priority": 0.0}, "priority > 0, got 0.0"),
         ({"service_s": -1.0}, "service_s >= 0, got -1.0"),
         ({"robots": 0}, "robots >= 1, got 0"),
+        ({"same_robot_as": "t0", "robots": 2}, "one robot with same_robot_as, got robots 2"),
         ({"earliest_ns": 5, "deadline_ns": 5}, "deadline_ns after earliest_ns 5, got 5"),
     ],
 )

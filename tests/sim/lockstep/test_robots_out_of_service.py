@@ -49,6 +49,28 @@ def test_a_robot_out_of_service_finishes_its_task_or_gives_it_back(gives_back: b
         assert verdicts[robot] == "out of service by ann: battery swap"
 
 
+@pytest.mark.slow
+def test_a_paused_robot_stands_keeps_its_task_and_continues_also_after_a_restart_of_the_coordinator() -> None:
+    with explored_hall() as (run, team):
+        task = team.submit("visit", place=(9.0, 5.0))
+        team.run_for(3.0)
+        robot = team.get(task).robot
+        body = run.arena.bodies[int(robot[1:]) - 1]
+        team.hold_robot(robot, "people on the floor", stands=True)
+        team.run_for(2.0)
+        place, epoch = Point2D(body.x_m, body.y_m), team.get(task).epoch
+        assert place.distance_m(Point2D(9.0, 5.0)) > 1.0
+        run.end_coordinator()
+        run.begin_coordinator()
+        team.run_for(20.0)
+        assert place.distance_m(Point2D(body.x_m, body.y_m)) < 0.02
+        assert (team.get(task).state, team.get(task).epoch) == (TaskState.RUNNING, epoch)
+        assert summary(team, robot).why == "paused by ann: people on the floor"
+        team.release_robot(robot)
+        done = team.wait(task)
+        assert (done.robot, done.epoch) == (robot, epoch)
+
+
 def test_a_robot_drives_to_its_place_out_of_service_and_works_again_once_released() -> None:
     with explored_hall() as (run, team):
         for robot in ("r1", "r2"):
