@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.model.zone import Zone
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class TeamMap:
             if self._zone_grid is None:
                 self._zone_grid = ZoneGrid(self._zones, seen.geometry)
             self._zoned = OccupancyGrid(seen.geometry)
-            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds)
+            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -OCCUPIED)
             self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
         return self._zoned
 

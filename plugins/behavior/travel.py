@@ -9,6 +9,7 @@ from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
 from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.plugins.behavior.area_gate import AreaGate
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
 from robrain.plugins.skill.localisation import LocalisationInterface
 from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
@@ -91,6 +92,8 @@ RIGHT_S = 20.0
 """A robot keeps to the right for this time after another has come towards it (chosen: decision 0076)."""
 MOVED_M = 0.1
 """Less than this is no motion."""
+ROLL_M = 0.6
+"""A robot that is ordered to stop rolls on by less than this."""
 IDLE = Claim()
 """An idle robot yields to every robot with a task."""
 
@@ -128,6 +131,8 @@ class TravelState(Enum):
     ARRIVED = auto()
     BLOCKED = auto()
     """Something has blocked the path for too long."""
+    DOOR_SHUT = auto()
+    """A door has not opened; `door` is its name."""
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_PATH = auto()
@@ -177,7 +182,7 @@ class Travel:
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None for another cause."""
         self.wait_s = 0.0
-        """Estimated time until the robot for which it waits has passed; 0 if it waits for none."""
+        """Estimated time until the robot for which it waits has passed, or a door is open; 0 if it waits for none."""
 
     def connect(self) -> None:
         """Connect the interfaces that it needs.
@@ -194,6 +199,7 @@ class Travel:
         self._planner = env.use("planner", PlannerInterface)
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
+        self._gate = AreaGate(env, self.teammates, self._mapper.view, self.driver.radius_m())
         self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view)
 
     @property
@@ -214,6 +220,11 @@ class Travel:
         """
         reason = self._env.board.lost
         return PositionLost(self._env.robot, reason) if reason else None
+
+    @property
+    def door(self) -> str:
+        """The door that has not opened for the robot; empty if there is none."""
+        return self._gate.door
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
@@ -314,6 +325,8 @@ class Travel:
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
+        if self.door:
+            return TravelState.DOOR_SHUT
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
             return TravelState.NO_PATH
@@ -333,15 +346,16 @@ class Travel:
         encounter = self._meet(pose, IDLE)
         if leg is not None:
             if leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
-                leg.drive(leg.guard(encounter, pose), IDLE)
+                self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
                 return True
             self.stop()
+        self._gate.limit(_here(pose))
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
         out = self._planner.leave_zone(self.view(), self.place()) if is_due else []
         if out:
             self._checked_ns = now_ns
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
-            leg.drive(leg.guard(encounter, pose), IDLE)
+            self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
             return True
         pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
         if pressed_by:
@@ -349,7 +363,7 @@ class Travel:
             (presser, *_) = (teammate for teammate in encounter.teammates if teammate.name in pressed_by)
             leg = self._leg = self._refuge(encounter, pose, presser, self._widths())
             if leg is not None:
-                leg.drive(leg.guard(encounter, pose), IDLE)
+                self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
                 return True
         return False
 
@@ -375,7 +389,10 @@ class Travel:
         self._wait_for("")
 
     def stop(self) -> None:
-        """Stop, and publish this."""
+        """Stop, and publish this. Areas are released, but those that the robot may still roll into."""
+        if not self.lost:  # a lost robot may be in any of them
+            pose, leg = self.pose(), self._leg
+            self._gate.limit(_here(pose) if leg is None else leg.path.ahead(pose.x_m, pose.y_m, ROLL_M))
         self.forget()
         self.driver.stop()
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
@@ -488,12 +505,12 @@ class Travel:
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
         """Drive as far as others permit, or aside."""
         if leg.is_escape:
-            leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
+            self._drive(leg, leg.guard(encounter, pose), pose, self._travel_claim.claim)
             return TravelState.WAITING
         now_ns = self._env.clock.now_ns()
         ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
-        self._travel_claim.follow(encounter.leader)
+        self._travel_claim.follow(self._leader(encounter))
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
@@ -507,13 +524,35 @@ class Travel:
                     self._escape(leg, encounter, pose, encounter.teammates[allowed.by])
                     self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
                     return TravelState.WAITING
-        leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
+        if self._drive(leg, self._careful(leg, allowed, ahead, now_ns), pose, self._travel_claim.claim):
+            return TravelState.WAITING
         if allowed.is_whole or allowed.positions > 2:
             self._wait_for("")
             return TravelState.MOVING
         if allowed.by >= 0:
             self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
         return TravelState.WAITING
+
+    def _drive(self, leg: Leg, allowed: Release, pose: Pose2D, claim: Claim) -> bool:
+        """Drive as far as other robots and the areas on the path permit; whether the robot waits before an area."""
+        open_positions = self._gate.limit(leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+        leg.drive(_at_most(allowed, open_positions), claim)
+        wait = self._gate.wait
+        if wait is None or min(open_positions, allowed.positions) > 2 or open_positions > allowed.positions:
+            return False
+        others = [robot for robot in wait.robots if robot != self._env.robot]
+        self._wait_for(others[0] if others else "", wait.wait_s, wait.at)
+        return True
+
+    def _leader(self, encounter: Encounter) -> NearbyRobot | None:
+        """The robot by whose claim this one acts: the one before it at an area, or the one behind which it drives.
+
+        A robot that has an area does not act by the claim of one that waits for it.
+        """
+        wait, leader = self._gate.wait, encounter.leader
+        before = wait.robots[-1] if wait is not None and wait.robots else ""
+        found = next((one for one in encounter.teammates if one.name == before), leader)
+        return None if found is None or found.claim.lent_by == self._env.robot else found
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
@@ -536,7 +575,7 @@ class Travel:
         allowed_there = encounter.release(other.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
         if not allowed_there.is_whole and allowed_there.positions < allowed.positions + round(DETOUR_GAIN_M / STEP_M):
             return False
-        self._handle(path, pose).drive(allowed_there, self._travel_claim.claim)
+        self._drive(self._handle(path, pose), allowed_there, pose, self._travel_claim.claim)
         return True
 
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot) -> None:
@@ -549,7 +588,7 @@ class Travel:
         self._planned_ns = self._env.clock.now_ns()
         self._travel_claim.make_room_for(teammate)
         self._leg = out
-        out.drive(out.guard(encounter, pose), self._travel_claim.claim)
+        self._drive(out, out.guard(encounter, pose), pose, self._travel_claim.claim)
 
     def _refuge(
         self, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot, widths: tuple[bool, ...]
@@ -565,8 +604,8 @@ class Travel:
                 return Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
         return None
 
-    def _wait_for(self, robot: str, wait_s: float = 0.0) -> None:
-        self._env.board.waits_for, self.wait_s = robot, wait_s
+    def _wait_for(self, robot: str, wait_s: float = 0.0, at: str = "") -> None:
+        self._env.board.waits_for, self._env.board.waits_at, self.wait_s = robot, at, wait_s
 
 
 def _here(pose: Pose2D) -> Floats:

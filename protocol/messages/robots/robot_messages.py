@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from robrain.protocol.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
 from robrain.protocol.messages.robots.witness_messages import Led
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.claim import Claim, Reservation
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
@@ -94,6 +94,10 @@ class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
 Faults = Annotated[list[PluginFault], Meta(max_length=1000)]
 
 
+RESERVATIONS_MAX = 256
+"""Further requests for zones are not reported, so they are not granted either."""
+
+
 class RobotState(Message, frozen=True, kw_only=True):
     """A robot in one message: 10 Hz, only the latest counts."""
 
@@ -112,6 +116,12 @@ class RobotState(Message, frozen=True, kw_only=True):
     behavior: Name = ""
     waits_for: Name = ""
     """The robot for which it waits; empty if none."""
+    waits_at: Name | msgspec.UnsetType = msgspec.UNSET
+    """The zone or door before which it waits; absent if none."""
+    reservations: Annotated[tuple[Reservation, ...], Meta(max_length=RESERVATIONS_MAX)] | msgspec.UnsetType = (
+        msgspec.UNSET
+    )
+    """Its requests for zones, and the latest ones of the robots that it receives; absent if there are none."""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
