@@ -14,10 +14,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.zone_grid import cells_in
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.claim import Reservation
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.zone import Zone, ZoneKind
 
 APART_M = 1.0
@@ -51,6 +54,10 @@ class ReservedArea:
     def distance_m(self, positions: Floats) -> Floats:
         """Distance of positions (N, 2), metres, arena frame, from the area; 0 inside."""
         return np.min([distance_m(zone, positions) for zone in self._zones], axis=0)
+
+    def cells(self, geometry: GridGeometry) -> NDArray[np.bool_]:
+        """Mask (H, W) of the cells whose centres are in the area."""
+        return np.logical_or.reduce([cells_in(zone, geometry) for zone in self._zones])
 
 
 def reserved_areas(zones: Iterable[Zone]) -> list[ReservedArea]:

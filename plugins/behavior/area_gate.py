@@ -101,9 +101,10 @@ class AreaGate:
                 return max(1, crossing.first)
         return len(ahead)
 
-    def is_wanted(self, here: Floats) -> ReservedArea | None:
-        """The area at a position (1, 2) for which another robot waits; None if there is none."""
-        return next((one.area for one in self._crossed(here) if self._teammates.is_wanted(one.area)), None)
+    def wanted(self, here: Floats) -> ReservedArea | None:
+        """The area at a position (1, 2) that an idle robot is to leave: a doorway, or one for which another waits."""
+        areas = (one.area for one in self._crossed(here))
+        return next((area for area in areas if area.doors or self._teammates.is_wanted(area)), None)
 
     def _crossed(self, ahead: Floats) -> list[Crossing]:
         """Areas on the path, in its order."""

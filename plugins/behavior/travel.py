@@ -351,7 +351,8 @@ class Travel:
             self.stop()
         self._gate.limit(_here(pose))
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        out = self._planner.leave_zone(self.view(), self.place()) if is_due else []
+        wanted = self._gate.wanted(_here(pose)) if is_due else None
+        out = self._planner.leave_zone(self.view(), self.place(), wanted) if is_due else []
         if out:
             self._checked_ns = now_ns
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
