@@ -67,6 +67,7 @@ class _End(NamedTuple):
     state: TaskState
     reason: str
     result: dict[str, Any]
+    because: OfferRefusal | None
 
 
 class TaskSituation(NamedTuple):
@@ -377,8 +378,15 @@ class RobotTasks:
         self._let_go(TaskState.CANCELLED, withdrawal.why or "withdrawn")
         return TaskAnswer(accepted=True)
 
-    def end(self, task_id: str, state: TaskState, reason: str = "", result: dict[str, Any] | None = None) -> None:
-        """The behavior reports, on any thread, how its task ended and its result.
+    def end(
+        self,
+        task_id: str,
+        state: TaskState,
+        reason: str = "",
+        result: dict[str, Any] | None = None,
+        because: OfferRefusal | None = None,
+    ) -> None:
+        """The behavior reports, on any thread, how its task ended, its result, and the reason as a value.
 
         Raises:
             ValueError: the result is no JSON, or more than 1024 bytes of it.
@@ -393,7 +401,7 @@ class RobotTasks:
             raise ValueError(f"result of {task_id}: expected at most {RESULT_BYTES_MAX} bytes, got {size}")
         if len(result) > RESULT_FIELDS_MAX:
             raise ValueError(f"result of {task_id}: expected at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
-        self._ends.append(_End(task_id, state, reason, result))
+        self._ends.append(_End(task_id, state, reason, result, because))
         if self.on_line is not None:
             self.on_line()
 
@@ -404,12 +412,21 @@ class RobotTasks:
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
-    def _end(self, task_id: str, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
+    def _end(
+        self,
+        task_id: str,
+        state: TaskState,
+        reason: str,
+        result: dict[str, Any] | None = None,
+        because: OfferRefusal | None = None,
+    ) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
-            self._status = TaskStatus(id=task_id, epoch=status.epoch, state=state, why=cut(reason), result=result or {})
+            self._status = TaskStatus(
+                id=task_id, epoch=status.epoch, state=state, why=cut(reason), result=result or {}, reason=because
+            )
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:

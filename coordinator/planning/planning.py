@@ -26,6 +26,7 @@ from robrain.coordinator.planning.snapshot_builder import (
     free_in_s,
     is_ending,
 )
+from robrain.coordinator.tasks.admission import NEAR_M
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
@@ -46,7 +47,17 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
+from robrain.protocol.reasons import (
+    NO_ROUND_TRIP,
+    DoorShut,
+    NearestOut,
+    PlainReason,
+    PlanLeavesOut,
+    PlanReason,
+    RobotReason,
+    TaskReason,
+    plain,
+)
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
 if TYPE_CHECKING:
@@ -374,10 +385,27 @@ class Planning:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
             self.waiting = plan.waiting
             self.left_out = {
-                task: Unplanned(reason, self.left_out[task].since_ns if task in self.left_out else now_ns)
+                task: Unplanned(
+                    self._door_shut(task, reason) or reason,
+                    self.left_out[task].since_ns if task in self.left_out else now_ns,
+                )
                 for task, reason in plan.left_out.items()
             }
         return bool(made)
+
+    def _door_shut(self, task: str, reason: PlanReason) -> DoorShut | None:
+        """The door that does not open and keeps all robots from a task; None for another reason."""
+        seen, zones, record = self._team_map.seen, self._team_map.zones, self._book.find(task)
+        is_unreached = isinstance(reason, NearestOut) and reason.because.code == NO_ROUND_TRIP
+        if seen is None or record is None or not is_unreached or not any(zone.is_shut for zone in zones):
+            return None
+        from robrain.algorithms.navigation.separation import separating_zones
+
+        states = [robot.state for robot in self._roster.robots.values() if robot.state is not None]
+        places = [Point2D(state.pose.x_m, state.pose.y_m) for state in states if state.pose is not None]
+        radius_m = min(state.radius_m for state in states)
+        names = separating_zones(seen.classes(), seen.geometry, zones, record.task.place, places, radius_m, NEAR_M)
+        return next((DoorShut(zone.name) for zone in zones if zone.is_shut and zone.name in names), None)
 
     # -- following them -------------------------------------------------------------------------------------
 

@@ -77,15 +77,22 @@ class AreaGate:
         self._granted: set[ZoneNames] = set()
         self._since_ns = 0
         """Time since which it waits where it waits now."""
+        self.waited_at = ""
+        """The door before which the robot last waited."""
         self.wait: AreaWait | None = None
         """Where the robot waits now; None if it may go."""
 
     @property
-    def door(self) -> str:
-        """The door that has kept the robot waiting for longer than `DOOR_PATIENCE_S`; empty if there is none."""
-        wait = self.wait
-        is_over = self._clock.now_ns() - self._since_ns > to_ns(DOOR_PATIENCE_S)
-        return wait.at if wait is not None and not wait.robots and is_over else ""
+    def has_waited_too_long(self) -> bool:
+        """Whether a door has not opened for `DOOR_PATIENCE_S`."""
+        is_at_door = self.wait is not None and not self.wait.robots
+        return is_at_door and self._clock.now_ns() - self._since_ns > to_ns(DOOR_PATIENCE_S)
+
+    @property
+    def shut_door(self) -> str:
+        """The door before which the robot last waited, if it does not open; empty if there is none."""
+        is_usable = any(self.waited_at in area.doors for area in self._view().areas)
+        return "" if is_usable and not self.has_waited_too_long else self.waited_at
 
     def limit(self, ahead: Floats) -> int:
         """Request the areas on a path, release all others, and return how many of its positions (N, 2) are open."""
@@ -98,8 +105,19 @@ class AreaGate:
             if self.wait is not None:
                 is_same_door = last is not None and last.at == self.wait.at and not (last.robots or self.wait.robots)
                 self._since_ns = self._since_ns if is_same_door else self._clock.now_ns()
+                self.waited_at = self.waited_at if self.wait.robots else self.wait.at
                 return max(1, crossing.first)
         return len(ahead)
+
+    def opening_s(self, positions: Floats) -> float:
+        """Time that the doors on a path (N, 2) take to open, those at its begin excepted."""
+        found_s = 0.0
+        for area in self._view().areas:
+            if area.doors and area.may_meet(positions, self._touch_m):
+                distance_m = area.distance_m(positions)
+                if distance_m.min() < self._touch_m < distance_m[0]:
+                    found_s += max(self._door(door)[1] for door in area.doors)
+        return found_s
 
     def wanted(self, here: Floats) -> ReservedArea | None:
         """The area at a position (1, 2) that an idle robot is to leave: a doorway, or one for which another waits."""
@@ -126,13 +144,18 @@ class AreaGate:
             return AreaWait(area.names[0], robots)
         if crossing.is_there or not crossing.is_entered:
             return None
+        for door in area.doors:
+            is_open, opening_s = self._door(door)
+            if not is_open:
+                return AreaWait(door, wait_s=opening_s)
+        return None
+
+    def _door(self, door: str) -> tuple[bool, float]:
+        """Whether a door is open, and the time that it usually takes to open; 0 if that is unknown."""
         now_ns = self._clock.now_ns()
         for received in self._inbox.drain():
             self._doors[received.message.door] = received.message, now_ns
-        for door in area.doors:
-            state, received_ns = self._doors.get(door, (None, 0))
-            if state is None or now_ns - received_ns > DOOR_FRESH_NS:
-                return AreaWait(door)
-            if state.position is not DoorPosition.OPEN:
-                return AreaWait(door, wait_s=state.opening_s)
-        return None
+        state, received_ns = self._doors.get(door, (None, 0))
+        if state is None:
+            return False, 0.0
+        return state.position is DoorPosition.OPEN and now_ns - received_ns <= DOOR_FRESH_NS, state.opening_s

@@ -7,7 +7,7 @@ import numpy as np
 
 from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
-from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release, sample_path
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.area_gate import AreaGate
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
@@ -181,6 +181,7 @@ class Travel:
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None for another cause."""
+        self._has_reported_wait = False
         self.wait_s = 0.0
         """Estimated time until the robot for which it waits has passed, or a door is open; 0 if it waits for none."""
 
@@ -223,8 +224,19 @@ class Travel:
 
     @property
     def door(self) -> str:
-        """The door that has not opened for the robot; empty if there is none."""
-        return self._gate.door
+        """The door that does not open for the robot; empty if there is none."""
+        return self._gate.shut_door
+
+    def doors_s(self, path: list[Point2D]) -> float:
+        """Time that the doors on a path from here take to open."""
+        place = self.place()
+        points = np.array([(point.x_m, point.y_m) for point in (place, *path)])
+        return self._gate.opening_s(sample_path(points, LONGEST_M)) if self.view().areas else 0.0
+
+    @property
+    def doors_left_s(self) -> float:
+        """The same for the path that it drives."""
+        return 0.0 if self._leg is None or self._goal is None else self.doors_s(self._leg.left())
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
@@ -307,6 +319,7 @@ class Travel:
                     self._goal = goal
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
+                    self._gate.waited_at = ""
                     self._travel_claim.set_out(priority, self._since_ns)
                     self._go(self._handle(path, pose, is_narrow=squeezes), self._meet(pose), pose)
                     return True
@@ -325,11 +338,11 @@ class Travel:
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
-        if self.door:
+        if self._gate.has_waited_too_long:
             return TravelState.DOOR_SHUT
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
-            return TravelState.NO_PATH
+            return TravelState.DOOR_SHUT if self.door else TravelState.NO_PATH
         leg = self._leg
         return TravelState.WAITING if leg is None else self._go(leg, encounter, pose)
 
@@ -606,7 +619,10 @@ class Travel:
         return None
 
     def _wait_for(self, robot: str, wait_s: float = 0.0, at: str = "") -> None:
-        self._env.board.waits_for, self._env.board.waits_at, self.wait_s = robot, at, wait_s
+        self.wait_s = wait_s
+        if robot or at or self._has_reported_wait:  # otherwise the report may be that of another behavior's travel
+            self._env.board.waits_for, self._env.board.waits_at = robot, at
+        self._has_reported_wait = bool(robot or at)
 
 
 def _here(pose: Pose2D) -> Floats:

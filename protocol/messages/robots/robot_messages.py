@@ -71,7 +71,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     remaining_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
     reason: OfferRefusal | None = None
-    """Of a task that was held and then refused: the reason that `why` puts in words; None if there are only words."""
+    """Of a task that was held and then refused, or that a door prevents: the reason that `why` puts in words; None if
+    there are only words."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -159,6 +160,12 @@ class RobotState(Message, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if len(self.pose_covariance) not in COVARIANCE_LENGTHS:
             raise ValueError(f"expected no pose_covariance or 9 numbers of it, got {len(self.pose_covariance)}")
+
+    @property
+    def wait_words(self) -> str:
+        """For whom and where it waits, such as `waits for r2 at gate`; empty if it does not."""
+        words = (f" for {self.waits_for}" if self.waits_for else "") + (f" at {self.waits_at}" if self.waits_at else "")
+        return f"waits{words}" if words else ""
 
     @property
     def has_stopped(self) -> bool:
