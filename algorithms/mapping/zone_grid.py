@@ -40,7 +40,7 @@ class ZoneGrid:
             self.surcharge[inside] += np.float32(zone.cost_m or 0.0)
             self._fastest_m_s[inside] = np.minimum(self._fastest_m_s[inside], zone.speed_m_s or np.inf)
 
-    def close(self, classes: NDArray[np.int8], free: int = FREE) -> NDArray[np.int8]:
+    def close(self, classes: NDArray[np.int8], free: int = int(FREE)) -> NDArray[np.int8]:
         """Classes of a map, (H, W), with keep-out zones as occupied cells and doors, open or not, as free ones."""
         opened = np.where(self._is_door & (classes > 0), np.int8(free), classes)
         return np.where(self.is_shut, np.int8(OCCUPIED), opened)

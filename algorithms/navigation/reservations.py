@@ -53,11 +53,13 @@ class ReservedArea:
 
     def distance_m(self, positions: Floats) -> Floats:
         """Distance of positions (N, 2), metres, arena frame, from the area; 0 inside."""
-        return np.min([distance_m(zone, positions) for zone in self._zones], axis=0)
+        found: Floats = np.min([distance_m(zone, positions) for zone in self._zones], axis=0)
+        return found
 
     def cells(self, geometry: GridGeometry) -> NDArray[np.bool_]:
         """Mask (H, W) of the cells whose centres are in the area."""
-        return np.logical_or.reduce([cells_in(zone, geometry) for zone in self._zones])
+        found: NDArray[np.bool_] = np.logical_or.reduce([cells_in(zone, geometry) for zone in self._zones])
+        return found
 
 
 def reserved_areas(zones: Iterable[Zone]) -> list[ReservedArea]:

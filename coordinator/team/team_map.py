@@ -47,7 +47,7 @@ class TeamMap:
             if self._zone_grid is None:
                 self._zone_grid = ZoneGrid(self._zones, seen.geometry)
             self._zoned = OccupancyGrid(seen.geometry)
-            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -OCCUPIED)
+            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -int(OCCUPIED))
             self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
         return self._zoned
 

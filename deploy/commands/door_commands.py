@@ -59,7 +59,7 @@ class ModbusDoor:
 
     def disconnect(self) -> None:
         """Close the connection; the coil keeps its state."""
-        self._client.close()
+        self._client.close()  # type: ignore[no-untyped-call]
 
     def _write(self, *, is_on: bool) -> None:
         self._connect()
@@ -69,7 +69,7 @@ class ModbusDoor:
             raise DoorUnavailable(f"the controller does not answer: {error}") from error
 
     def _connect(self) -> None:
-        if not self._client.connected and not self._client.connect():
+        if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
             raise DoorUnavailable("the controller cannot be reached")
 
 

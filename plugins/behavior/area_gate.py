@@ -50,8 +50,6 @@ class AreaWait(msgspec.Struct, frozen=True):
     """Name of the door, or of the first zone of the area."""
     robots: list[str] = []
     """Robots for which it waits, those that are there first; none before a door."""
-    wait_s: float = 0.0
-    """Expected time, if it is known."""
 
 
 class AreaGate:
@@ -145,9 +143,8 @@ class AreaGate:
         if crossing.is_there or not crossing.is_entered:
             return None
         for door in area.doors:
-            is_open, opening_s = self._door(door)
-            if not is_open:
-                return AreaWait(door, wait_s=opening_s)
+            if not self._door(door)[0]:
+                return AreaWait(door)
         return None
 
     def _door(self, door: str) -> tuple[bool, float]:

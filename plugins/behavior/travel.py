@@ -183,7 +183,7 @@ class Travel:
         """Width of the gap that last stopped the robot; None for another cause."""
         self._has_reported_wait = False
         self.wait_s = 0.0
-        """Estimated time until the robot for which it waits has passed, or a door is open; 0 if it waits for none."""
+        """Estimated time until the robot for which it waits has passed; 0 if it waits for none."""
 
     def connect(self) -> None:
         """Connect the interfaces that it needs.
@@ -539,6 +539,9 @@ class Travel:
                     self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
                     return TravelState.WAITING
         if self._drive(leg, self._careful(leg, allowed, ahead, now_ns), pose, self._travel_claim.claim):
+            names = [teammate.name for teammate in encounter.teammates]
+            if self._env.board.waits_for in names:
+                self.wait_s = encounter.passes_in_s(names.index(self._env.board.waits_for), ahead)
             return TravelState.WAITING
         if allowed.is_whole or allowed.positions > 2:
             self._wait_for("")
@@ -555,7 +558,7 @@ class Travel:
         if wait is None or min(open_positions, allowed.positions) > 2 or open_positions > allowed.positions:
             return False
         others = [robot for robot in wait.robots if robot != self._env.robot]
-        self._wait_for(others[0] if others else "", wait.wait_s, wait.at)
+        self._wait_for(others[0] if others else "", at=wait.at)
         return True
 
     def _leader(self, encounter: Encounter) -> NearbyRobot | None:
