@@ -21,7 +21,7 @@ STEP_S = 0.1
 ANSWER_S = 1.0
 """Time limit of the controller's answer."""
 ADDRESS_MAX = 65_535
-door_app = typer.Typer(rich_help_panel=CONNECT, name="door", rich_markup_mode=None)
+door_app = typer.Typer(rich_help_panel=CONNECT, rich_markup_mode=None)
 
 
 class ModbusDoor:
@@ -79,7 +79,7 @@ def _checked(answer: ModbusPDU) -> ModbusPDU:
     return answer
 
 
-@door_app.callback(invoke_without_command=True)
+@door_app.command()
 def door(
     name: Annotated[str, typer.Argument(help="Name of the door's zone.")],
     host: Annotated[str, typer.Argument(help="Host of the Modbus TCP controller.")],
