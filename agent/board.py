@@ -81,8 +81,8 @@ class Board:
         """The robot for which this robot waits; empty if none. The behavior that drives writes it."""
         self.waits_at = ""
         """The zone or door before which this robot waits; empty if none. The behavior that drives writes it."""
-        self.reservations: tuple[Reservation, ...] = ()
-        """Requests for zones, of this robot and of those that it receives; teammates writes it."""
+        self.reservations: tuple[Reservation, ...] | None = None
+        """Requests for zones, of this robot and of those that it receives; None before teammates writes it."""
         self._shared: dict[type, Any] = {}
 
     def shared(self, kind: type[T]) -> T:

@@ -355,7 +355,7 @@ class AgentHost:
                 behavior=board.behavior,
                 waits_for=board.waits_for,
                 waits_at=board.waits_at or msgspec.UNSET,
-                reservations=board.reservations or msgspec.UNSET,
+                reservations=msgspec.UNSET if board.reservations is None else board.reservations,
                 task=situation.task,
                 next_task=situation.next_task,
                 task_before=situation.before,

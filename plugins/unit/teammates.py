@@ -111,7 +111,7 @@ class TeammatesInterface(Protocol):
             wanted: the areas, and whether the robot is there already.
 
         Returns:
-            For each area the robots for which the robot waits; none if it may drive there.
+            For each area the robots for which the robot waits, itself while it starts; none if it may drive there.
 
         """
 
@@ -189,12 +189,10 @@ class KnownTeammate:
         self.default_speed_m_s = speed_m_s
         self.cached: NearbyRobot | None = None
         """The last prediction; None after a newer message."""
-
-    @property
-    def has_reserved(self) -> bool:
-        """Whether its last state requests zones."""
-        own = () if self.state is None else self.state.reservations or ()
-        return any(one.robot == self.name for one in own)
+        self.requests: Sequence[Reservation] = ()
+        """Requests for zones in its last state."""
+        self.has_reserved = False
+        """Whether some of them are its own."""
 
 
 # Each of these handles all teammates at once: calls dominate the cost of a large team.
@@ -208,10 +206,13 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
         last = known.state
         if pose is None:
             continue
-        if last is not None and last.reservations and 0 < last.stamp_ns - state.stamp_ns < LATE_NS:
+        if known.requests and last is not None and 0 < last.stamp_ns - state.stamp_ns < LATE_NS:
             continue  # an older message must not undo a request
         known.received_ns = now_ns
         known.state, known.frame, known.cached = state, state.frame, None
+        if state.reservations or known.requests:
+            known.requests = state.reservations or ()
+            known.has_reserved = any(one.robot == known.name for one in known.requests)
         known.teammate = Teammate(known.name, pose, state.velocity, state.radius_m)
         at = known.moved_at
         # Each robot does this for each other: a call for it would be a thirtieth of all calls among 64 robots.
@@ -422,13 +423,12 @@ class Teammates(Unit):
         waits = dict[ZoneNames, list[str]]()
         others = self._requests(now_ns)
         for area, is_there in wanted:
-            own = self._own[area.names]
-            may_get = is_there or not area.is_exclusive
-            waits[area.names] = [] if own.has or may_get else blockers(own, others)
-            if not own.has and not waits[area.names] and (may_get or not self._is_starting(now_ns)):
-                self._own[area.names] = msgspec.structs.replace(own, has=True)
-            elif not own.has and not waits[area.names]:
-                waits[area.names] = [robot]
+            own, robots = self._own[area.names], list[str]()
+            if not own.has:
+                if area.is_exclusive and not is_there:
+                    robots = [robot] if self._is_starting(now_ns) else blockers(own, others)
+                self._own[area.names] = msgspec.structs.replace(own, has=not robots)
+            waits[area.names] = robots
         self._publish_requests(now_ns)
         return waits
 
@@ -443,24 +443,18 @@ class Teammates(Unit):
         )
 
     def _requests(self, now_ns: int) -> dict[str, TeammateRequests]:
+        """The requests that the robots that obey zones have published."""
         return {
-            known.name: TeammateRequests(known.state.reservations or (), now_ns - known.received_ns <= self._fresh_ns)
+            known.name: TeammateRequests(known.requests, now_ns - known.received_ns <= self._fresh_ns)
             for known in self._known.values()
-            if known.state is not None
+            if known.state is not None and known.state.reservations is not msgspec.UNSET
         }
 
     def _publish_requests(self, now_ns: int) -> None:
-        if self._is_starting(now_ns):
-            return
-        theirs = (
-            one
-            for known in self._known.values()
-            if known.state is not None and known.state.reservations
-            for one in known.state.reservations
-            if one.robot == known.name
-        )
-        found = [*self._own.values(), *theirs]
-        self.env.board.reservations = tuple(found[:RESERVATIONS_MAX])
+        there = [known for known in self._known.values() if known.has_reserved]
+        theirs = [one for known in there for one in known.requests if one.robot == known.name]
+        found = () if self._is_starting(now_ns) else (*self._own.values(), *theirs)
+        self.env.board.reservations = found[:RESERVATIONS_MAX]
 
     def _is_starting(self, now_ns: int) -> bool:
         if self._began_ns is None:

@@ -71,7 +71,7 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     remaining_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
     reason: OfferRefusal | None = None
-    """Of a task that was held and then refused, or that a door prevents: the reason that `why` puts in words; None if
+    """The reason that `why` puts in words, of a task that was held and then refused, or that a door prevents. None if
     there are only words."""
 
 
@@ -122,7 +122,7 @@ class RobotState(Message, frozen=True, kw_only=True):
     reservations: Annotated[tuple[Reservation, ...], Meta(max_length=RESERVATIONS_MAX)] | msgspec.UnsetType = (
         msgspec.UNSET
     )
-    """Its requests for zones, and the latest ones of the robots that it receives; absent if there are none."""
+    """Its requests for zones, and the latest ones of the robots that it receives; absent if it does not obey zones."""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
