@@ -24,7 +24,16 @@ from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NoState, Occupied, OfferRefusal, PlainReason, plain, sentence_of
+from robrain.protocol.reasons import (
+    DoneJustNow,
+    DoorShut,
+    NoState,
+    Occupied,
+    OfferRefusal,
+    PlainReason,
+    plain,
+    sentence_of,
+)
 
 FIRST_SUMMARIES = 2
 """Those of the first second of a coordinator."""
@@ -65,9 +74,8 @@ def work_at_place(task: Task) -> Work:
 class _End(NamedTuple):
     task_id: str
     state: TaskState
-    reason: str
+    reason: str | DoorShut
     result: dict[str, Any]
-    because: OfferRefusal | None
 
 
 class TaskSituation(NamedTuple):
@@ -379,14 +387,9 @@ class RobotTasks:
         return TaskAnswer(accepted=True)
 
     def end(
-        self,
-        task_id: str,
-        state: TaskState,
-        reason: str = "",
-        result: dict[str, Any] | None = None,
-        because: OfferRefusal | None = None,
+        self, task_id: str, state: TaskState, reason: str | DoorShut = "", result: dict[str, Any] | None = None
     ) -> None:
-        """The behavior reports, on any thread, how its task ended, its result, and the reason as a value.
+        """The behavior reports, on any thread, how its task ended and its result.
 
         Raises:
             ValueError: the result is no JSON, or more than 1024 bytes of it.
@@ -401,7 +404,7 @@ class RobotTasks:
             raise ValueError(f"result of {task_id}: expected at most {RESULT_BYTES_MAX} bytes, got {size}")
         if len(result) > RESULT_FIELDS_MAX:
             raise ValueError(f"result of {task_id}: expected at most {RESULT_FIELDS_MAX} fields, got {len(result)}")
-        self._ends.append(_End(task_id, state, reason, result, because))
+        self._ends.append(_End(task_id, state, reason, result))
         if self.on_line is not None:
             self.on_line()
 
@@ -413,20 +416,14 @@ class RobotTasks:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
     def _end(
-        self,
-        task_id: str,
-        state: TaskState,
-        reason: str,
-        result: dict[str, Any] | None = None,
-        because: OfferRefusal | None = None,
+        self, task_id: str, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None
     ) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
-            self._status = TaskStatus(
-                id=task_id, epoch=status.epoch, state=state, why=cut(reason), result=result or {}, reason=because
-            )
+            ended = msgspec.structs.replace(status, state=state, why=cut(str(reason)), result=result or {})
+            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, DoorShut) else None)
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:

@@ -30,7 +30,7 @@ class DoorDriver(Protocol):
     def close(self) -> None:
         """Order the door to close, or permit it to; repeated in the same way."""
 
-    def is_open(self) -> bool:
+    def state(self) -> bool:
         """Whether a robot can pass."""
 
 
@@ -78,7 +78,7 @@ class DoorKeeper:
                 self._driver.open()
             else:
                 self._driver.close()
-            if not self._driver.is_open():
+            if not self._driver.state():
                 is_late = now_ns - (self._since_ns or now_ns) > self._timeout_ns
                 position = DoorPosition.FAILED if has_failed or is_late else DoorPosition.CLOSED
                 why = f"it was not open after {self._timeout_s:g} s" if position is DoorPosition.FAILED else ""

@@ -1,10 +1,10 @@
 """Zones that robots reserve: which a path crosses, and whether a robot may drive there.
 
 Each robot publishes its requests, and the latest ones of the robots that it receives. It may drive into a zone once all
-robots have received its request. None may have the zone, or have requested it earlier (Ricart and Agrawala, *An Optimal
-Algorithm for Mutual Exclusion in Computer Networks*, Communications of the ACM 24, 1981). Each message repeats the
-whole, so lost messages only delay. Of two robots, one receives the other's request before it enters. Clocks that differ
-change only the order.
+robots have received its request. None may have the zone, or have requested it earlier. This is the algorithm of Ricart
+and Agrawala (*An Optimal Algorithm for Mutual Exclusion in Computer Networks*, Communications of the ACM 24, 1981).
+Each message repeats the whole, so lost messages only delay. Of two robots, one receives the other's request before it
+enters. Clocks that differ change only the order.
 
 A silent robot keeps the zones that it last requested. Silent robots without a request do not count while more than half
 of the team answers. A robot that answers also reports the requests of robots that others do not receive.

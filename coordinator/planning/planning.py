@@ -395,17 +395,12 @@ class Planning:
 
     def _door_shut(self, task: str, reason: PlanReason) -> DoorShut | None:
         """The door that does not open and keeps all robots from a task; None for another reason."""
-        seen, zones, record = self._team_map.seen, self._team_map.zones, self._book.find(task)
-        is_unreached = isinstance(reason, NearestOut) and reason.because.code == NO_ROUND_TRIP
-        if seen is None or record is None or not is_unreached or not any(zone.is_shut for zone in zones):
+        record = self._book.find(task)
+        if record is None or not isinstance(reason, NearestOut) or reason.because.code != NO_ROUND_TRIP:
             return None
-        from robrain.algorithms.navigation.separation import separating_zones
-
         states = [robot.state for robot in self._roster.robots.values() if robot.state is not None]
-        places = [Point2D(state.pose.x_m, state.pose.y_m) for state in states if state.pose is not None]
-        radius_m = min(state.radius_m for state in states)
-        names = separating_zones(seen.classes(), seen.geometry, zones, record.task.place, places, radius_m, NEAR_M)
-        return next((DoorShut(zone.name) for zone in zones if zone.is_shut and zone.name in names), None)
+        door = self._team_map.shut_door_before(record.task.place, states, NEAR_M)
+        return DoorShut(door) if door else None
 
     # -- following them -------------------------------------------------------------------------------------
 

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.model.zone import Zone
 
@@ -55,6 +57,17 @@ class TeamMap:
     def zones(self) -> tuple[Zone, ...]:
         """The zones that bind all robots."""
         return self._zones
+
+    def shut_door_before(self, place: Point2D, robots: Sequence[RobotState], near_m: float) -> str:
+        """Name of a door that does not open and keeps all robots farther from a place than that; empty for none."""
+        if self.seen is None or not any(zone.is_shut for zone in self._zones):
+            return ""
+        from robrain.algorithms.navigation.separation import separating_zones
+
+        seen, places = self.seen, [Point2D(one.pose.x_m, one.pose.y_m) for one in robots if one.pose is not None]
+        radius_m = min((robot.radius_m for robot in robots), default=0.0)
+        names = separating_zones(seen.classes(), seen.geometry, self._zones, place, places, radius_m, near_m)
+        return next((zone.name for zone in self._zones if zone.is_shut and zone.name in names), "")
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""

@@ -1,5 +1,6 @@
 """`robrain door`: operate a door that robots request, by Modbus TCP."""
 
+from collections.abc import Callable
 from contextlib import closing
 from typing import Annotated
 
@@ -42,41 +43,31 @@ class ModbusDoor:
 
     def open(self) -> None:
         """Switch the coil on."""
-        self._write(is_on=True)
+        self._request(lambda: self._client.write_coil(self._coil, True, device_id=self._unit))
 
     def close(self) -> None:
         """Switch the coil off."""
-        self._write(is_on=False)
+        self._request(lambda: self._client.write_coil(self._coil, False, device_id=self._unit))
 
-    def is_open(self) -> bool:
+    def state(self) -> bool:
         """Read the input."""
-        self._connect()
-        try:
-            answer = self._client.read_discrete_inputs(self._input, count=1, device_id=self._unit)
-        except ModbusException as error:
-            raise DoorUnavailable(f"the controller does not answer: {error}") from error
-        return bool(_checked(answer).bits[0])
+        read = self._client.read_discrete_inputs
+        return bool(self._request(lambda: read(self._input, count=1, device_id=self._unit)).bits[0])
 
     def disconnect(self) -> None:
         """Close the connection; the coil keeps its state."""
         self._client.close()  # type: ignore[no-untyped-call]
 
-    def _write(self, *, is_on: bool) -> None:
-        self._connect()
-        try:
-            _checked(self._client.write_coil(self._coil, is_on, device_id=self._unit))
-        except ModbusException as error:
-            raise DoorUnavailable(f"the controller does not answer: {error}") from error
-
-    def _connect(self) -> None:
+    def _request(self, ask: Callable[[], ModbusPDU]) -> ModbusPDU:
         if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
             raise DoorUnavailable("the controller cannot be reached")
-
-
-def _checked(answer: ModbusPDU) -> ModbusPDU:
-    if answer.isError():
-        raise DoorUnavailable(f"the controller refuses: {answer}")
-    return answer
+        try:
+            answer = ask()
+        except ModbusException as error:
+            raise DoorUnavailable(f"the controller does not answer: {error}") from error
+        if answer.isError():
+            raise DoorUnavailable(f"the controller refuses: {answer}")
+        return answer
 
 
 @door_app.command()

@@ -38,7 +38,7 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons import DoorShut, OfferRefusal, PlainReason, needs_time, no_path, plain, sentence_of
+from robrain.protocol.reasons import DoorShut, OfferRefusal, PlainReason, needs_time, no_path, plain
 
 STEP_S = 0.25
 MEASURED_S = 300.0
@@ -73,17 +73,7 @@ REPORTED_PATH_M = 1.0
 
 
 class Failed(Exception):
-    """A script cannot do its work; the text is the reason.
-
-    Args:
-        text: the reason in words.
-        because: the reason as a value, if the task may be done later; it then does not count as tried.
-
-    """
-
-    def __init__(self, text: str, because: OfferRefusal | None = None) -> None:
-        super().__init__(text)
-        self.because = because
+    """A script cannot do its work; the text is the reason. With a `DoorShut` the task does not count as tried."""
 
 
 class Run(msgspec.Struct, Generic[P]):
@@ -176,8 +166,7 @@ class Errand(Behavior, ABC, Generic[P]):
             raise Failed(TROUBLE[TravelState.NO_PATH])
         while (progress := self.travel.step()) is not TravelState.ARRIVED:
             if progress is TravelState.DOOR_SHUT:
-                shut = DoorShut(self.travel.door)
-                raise Failed(sentence_of(shut), shut)
+                raise Failed(DoorShut(self.travel.door))
             if progress in TROUBLE:
                 raise Failed(TROUBLE[progress])
             yield
@@ -279,8 +268,8 @@ class Errand(Behavior, ABC, Generic[P]):
         except StopIteration as end:
             self.finish(TaskState.DONE, "", end.value)
         except Failed as failed:
-            state = TaskState.CANCELLED if failed.because else TaskState.FAILED
-            self.finish(state, str(failed), because=failed.because)
+            shut = failed.args[0] if isinstance(failed.args[0], DoorShut) else None
+            self.finish(TaskState.CANCELLED if shut else TaskState.FAILED, shut or str(failed))
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
 
@@ -382,13 +371,7 @@ class Errand(Behavior, ABC, Generic[P]):
             run.is_as_planned = False  # learn once from one path
             self.budget.energy.outcome(Work(path_m=run.path_m), run.energy_j)
 
-    def finish(
-        self,
-        state: TaskState,
-        reason: str,
-        result: dict[str, Any] | None = None,
-        because: OfferRefusal | None = None,
-    ) -> None:
+    def finish(self, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()
@@ -396,12 +379,12 @@ class Errand(Behavior, ABC, Generic[P]):
         self.travel.stop()
         if run is not None and run.own:
             self.env.tasks.vacate(self.env.plugin)
-            self.ended_own(state, reason)
+            self.ended_own(state, str(reason))
         elif run is not None:
             if state is TaskState.DONE and run.away_m > AWAY_M:
                 reason = f"{run.away_m:.2f} m from its place, which is not free"
             reported = {**(result or {}), "energy_j": round(run.energy_j, 1), "path_length_m": round(run.gone_m, 2)}
-            self.env.tasks.end(run.task.id, state, reason, reported, because)
+            self.env.tasks.end(run.task.id, state, reason, reported)
 
     def _let_go(self, _reason: str) -> None:
         if self.run is None:

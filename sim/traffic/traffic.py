@@ -232,6 +232,18 @@ class Door:
             return any(opens_s <= now_s < closes_s for opens_s, closes_s in spec.open_s or ())
         return (now_s - self._phase_s) % spec.period_s < spec.open_share * spec.period_s
 
+    def open(self) -> None:
+        """Order the door to open; see `DoorDriver`."""
+        self.is_requested = True
+
+    def close(self) -> None:
+        """Let the door close."""
+        self.is_requested = False
+
+    def state(self) -> bool:
+        """Whether a robot can pass."""
+        return self.is_open
+
     def step(self, now_s: float, discs: Iterable[Disc]) -> bool:
         """Open or close; whether it has changed.
 
@@ -248,30 +260,6 @@ class Door:
 
     def _is_clear(self, discs: Iterable[Disc]) -> bool:
         return all(self.box.distance_m(x_m, y_m) > radius_m + CLEAR_M for x_m, y_m, radius_m in discs)
-
-
-class SimulatedDoor:
-    """The controller of a door that opens on request; see `DoorDriver`.
-
-    Args:
-        door: the door.
-
-    """
-
-    def __init__(self, door: Door) -> None:
-        self._door = door
-
-    def open(self) -> None:
-        """Order the door to open."""
-        self._door.is_requested = True
-
-    def close(self) -> None:
-        """Let the door close."""
-        self._door.is_requested = False
-
-    def is_open(self) -> bool:
-        """Whether a robot can pass."""
-        return self._door.is_open
 
 
 STAMP_TICKS = 5

@@ -34,7 +34,6 @@ from robrain.sim.robot.camera import Camera, SeenMote, SeenRobot
 from robrain.sim.robot.robot_body import Body
 from robrain.sim.robot.robot_team import RobotTeam
 from robrain.sim.robot.simulated_robot import SimulatedRobot
-from robrain.sim.traffic.traffic import SimulatedDoor
 from robrain.sim.world.chargers import Chargers
 from robrain.sim.world.referee import TRUE_POSE_PERIOD_S, AccuracyMeter, Referee, team_geometry
 from robrain.sim.world.scenario_tasks import TaskSchedule
@@ -178,7 +177,7 @@ class Arena:
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self.tasks = TaskSchedule(world.tasks, endpoint)
         self._doors = [
-            DoorKeeper(spec.name, SimulatedDoor(door), endpoint, opening_s=spec.opening_s or 0.0)
+            DoorKeeper(spec.name, door, endpoint, opening_s=spec.opening_s or 0.0)
             for door, spec in (self._team.traffic.doors_on_request if self._team.traffic is not None else ())
         ]
         self._added = [table.build(world, endpoint) for table in world.added]

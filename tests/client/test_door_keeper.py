@@ -27,7 +27,7 @@ class Door:
     def close(self) -> None:
         self._order(is_ordered=False)
 
-    def is_open(self) -> bool:
+    def state(self) -> bool:
         return self.is_ordered and not self.is_stuck
 
     def _order(self, *, is_ordered: bool) -> None:

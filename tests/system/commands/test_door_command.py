@@ -91,9 +91,9 @@ def test_the_driver_switches_the_coil_and_reads_the_input(controller: Controller
     door = ModbusDoor("127.0.0.1", controller.port, coil=COIL, input_=INPUT)
     try:
         door.open()
-        assert (controller.is_ordered, door.is_open()) == (True, True)
+        assert (controller.is_ordered, door.state()) == (True, True)
         door.close()
-        assert (controller.is_ordered, door.is_open()) == (False, False)
+        assert (controller.is_ordered, door.state()) == (False, False)
     finally:
         door.disconnect()
 
