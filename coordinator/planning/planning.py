@@ -399,8 +399,7 @@ class Planning:
         if record is None or not isinstance(reason, NearestOut) or reason.because.code != NO_ROUND_TRIP:
             return None
         states = [robot.state for robot in self._roster.robots.values() if robot.state is not None]
-        door = self._team_map.shut_door_before(record.task.place, states, NEAR_M)
-        return DoorShut(door) if door else None
+        return self._team_map.shut_door_before(record.task.place, states, NEAR_M)
 
     # -- following them -------------------------------------------------------------------------------------
 
