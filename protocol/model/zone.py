@@ -101,7 +101,7 @@ class Zone(Checked, frozen=True, kw_only=True):
         return not self.robots or robot in self.robots
 
 
-class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[[planning.zones]]`: a zone in a file."""
 
 
