@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from robrain.algorithms.localization.odometry import YawRate
 from robrain.algorithms.localization.rssi_ranging import RssiSample
 from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.model.claim import Reservation
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA
@@ -78,6 +79,10 @@ class Board:
         """Name of the robot's behavior; the behavior that drives writes it."""
         self.waits_for = ""
         """The robot for which this robot waits; empty if none. The behavior that drives writes it."""
+        self.waits_at = ""
+        """The zone or door before which this robot waits; empty if none. The behavior that drives writes it."""
+        self.reservations: tuple[Reservation, ...] | None = None
+        """Requests for zones, of this robot and of those that it receives; None before teammates writes it."""
         self._shared: dict[type, Any] = {}
 
     def shared(self, kind: type[T]) -> T:

@@ -17,6 +17,7 @@ PACKAGES = {
     "mcp": "anyio mcp mcp_types uvicorn",
     "ros2": "rclpy geometry_msgs nav_msgs sensor_msgs std_msgs std_srvs",
     "hardware": "smbus2 gpiod",
+    "doors": "pymodbus",
     "bench": "ortools vrplib",
 }
 """Import names by extra."""

@@ -154,6 +154,14 @@ class PositionLost(Reason, frozen=True, tag="position_lost"):
     """Report of its localisation."""
 
 
+class DoorShut(Reason, frozen=True, tag="door_shut"):
+    """A door on the only path does not open, or its controller does not answer."""
+
+    sentence = "the door {door} does not open"
+
+    door: Name
+
+
 class RobotHalted(Reason, frozen=True, tag="robot_halted"):
     """The robot is halted."""
 
@@ -166,7 +174,9 @@ class ProcessPaused(Reason, frozen=True, tag="process_paused"):
     sentence = "its process was just paused, and the offer may have waited"
 
 
-OfferRefusal = DoneJustNow | NeedsEnergy | Occupied | PositionLost | RobotHalted | ProcessPaused | PlainReason
+OfferRefusal = (
+    DoneJustNow | DoorShut | NeedsEnergy | Occupied | PositionLost | RobotHalted | ProcessPaused | PlainReason
+)
 
 
 def no_path() -> PlainReason:
@@ -301,7 +311,7 @@ class NearestOut(Reason, frozen=True, tag="nearest_out"):
     because: RobotReason
 
 
-PlanReason = HolderLacksEnergy | NearestOut | PlainReason
+PlanReason = DoorShut | HolderLacksEnergy | NearestOut | PlainReason
 
 
 NO_ROUND_TRIP = "no_way_and_back"
@@ -395,8 +405,8 @@ class RobotOut(Reason, frozen=True, tag="robot_out"):
 
 
 DirectReason = (
-    Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut | RobotOut
-    | SameRobot | WaitsForCharge | PlainReason
+    DoorShut | Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut
+    | RobotOut | SameRobot | WaitsForCharge | PlainReason
 )  # fmt: skip
 """A reason of a task that holds no other reason of a task."""
 

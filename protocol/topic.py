@@ -39,8 +39,9 @@ class Role(StrEnum):
 
 
 OWNERS = {
-    "arena": Role.ARENA, "coordinator": Role.COORDINATOR, "halt": Role.OPERATOR, "mote": Role.ROBOT,
-    "recorder": Role.OPERATOR, "replay": Role.OPERATOR, "robot": Role.ROBOT, "task": Role.COORDINATOR,
+    "arena": Role.ARENA, "coordinator": Role.COORDINATOR, "door": Role.OPERATOR, "halt": Role.OPERATOR,
+    "mote": Role.ROBOT, "recorder": Role.OPERATOR, "replay": Role.OPERATOR, "robot": Role.ROBOT,
+    "task": Role.COORDINATOR,
 }  # fmt: skip
 """Role that publishes, or answers, the keys that begin with a chunk."""
 

@@ -354,6 +354,8 @@ class AgentHost:
                 energy=board.energy,
                 behavior=board.behavior,
                 waits_for=board.waits_for,
+                waits_at=board.waits_at or msgspec.UNSET,
+                reservations=msgspec.UNSET if board.reservations is None else board.reservations,
                 task=situation.task,
                 next_task=situation.next_task,
                 task_before=situation.before,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.zone import Zone, ZoneKind
 
 
@@ -22,6 +22,7 @@ class ZoneGrid:
 
     def __init__(self, zones: Sequence[Zone], geometry: GridGeometry) -> None:
         self._geometry = geometry
+        self._is_door = np.zeros(geometry.shape, np.bool_)
         self._limits = [zone for zone in zones if zone.kind is ZoneKind.SPEED_LIMIT]
         self.is_shut = np.zeros(geometry.shape, np.bool_)
         """Mask of the cells in keep-out zones."""
@@ -32,14 +33,17 @@ class ZoneGrid:
             if zone.kind is ZoneKind.PLACE:
                 continue
             inside = cells_in(zone, geometry)
-            if zone.kind is ZoneKind.KEEP_OUT:
+            if zone.kind is ZoneKind.KEEP_OUT or zone.is_shut:
                 self.is_shut |= inside
+            elif zone.kind is ZoneKind.DOOR:
+                self._is_door |= inside
             self.surcharge[inside] += np.float32(zone.cost_m or 0.0)
             self._fastest_m_s[inside] = np.minimum(self._fastest_m_s[inside], zone.speed_m_s or np.inf)
 
-    def close(self, classes: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Classes of a map, (H, W), with keep-out zones as occupied cells."""
-        return np.where(self.is_shut, np.int8(OCCUPIED), classes)
+    def close(self, classes: NDArray[np.int8], free: int = int(FREE)) -> NDArray[np.int8]:
+        """Classes of a map, (H, W), with keep-out zones as occupied cells and doors, open or not, as free ones."""
+        opened = np.where(self._is_door & (classes > 0), np.int8(free), classes)
+        return np.where(self.is_shut, np.int8(OCCUPIED), opened)
 
     def shuts(self, place: Point2D) -> bool:
         """Whether a place is in a keep-out zone."""

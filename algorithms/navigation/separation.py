@@ -22,9 +22,10 @@ def separating_zones(
     radius_m: float,
     near_m: float,
 ) -> list[str]:
-    """Names of the keep-out zones without which a robot could come within `near_m` of a place; none if one can now.
+    """Names of the zones without which a robot could come within `near_m` of a place; none if one can now.
 
-    Unknown floor counts as free. A robot that stands in a keep-out zone leaves it first, so nothing is known of it.
+    Keep-out zones count, and shut doors. Unknown floor counts as free. A robot that stands in a keep-out zone leaves it
+    first, so nothing is known of it.
 
     Args:
         classes: (H, W) of the map without zones.
@@ -36,7 +37,10 @@ def separating_zones(
         near_m: how far from the place a robot may stay.
 
     """
-    masks = {zone.name: cells_in(zone, geometry) for zone in zones if zone.kind is ZoneKind.KEEP_OUT}
+    is_open = np.logical_or.reduce(
+        [classes != OCCUPIED, *(cells_in(z, geometry) for z in zones if z.kind is ZoneKind.DOOR)]
+    )
+    masks = {zone.name: cells_in(zone, geometry) for zone in zones if zone.kind is ZoneKind.KEEP_OUT or zone.is_shut}
     at = [geometry.cell_of(robot.x_m, robot.y_m) for robot in robots]
     cells = [cell for cell in at if geometry.contains(*cell)]
     if not cells or any(mask[cell] for mask in masks.values() for cell in cells):
@@ -46,7 +50,7 @@ def separating_zones(
     around = (rows - row) ** 2 + (columns - column) ** 2 <= (near_m / geometry.resolution_m) ** 2
 
     def is_reached(closed: Sequence[NDArray[np.bool_]]) -> bool:
-        occupied = np.logical_or.reduce([classes == OCCUPIED, *closed])
+        occupied = np.logical_or.reduce([~is_open, *closed])
         near_wall_m = clearance_m(occupied, geometry.resolution_m, radius_m + geometry.resolution_m)
         labels, _ = ndimage.label(near_wall_m >= radius_m, np.ones((3, 3)))
         here = {int(labels[cell]) for cell in cells} - {0}

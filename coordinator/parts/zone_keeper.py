@@ -5,8 +5,10 @@ import msgspec
 from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
+from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition
 from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES,
     COORDINATOR_ZONES_CHANGE,
@@ -14,10 +16,12 @@ from robrain.protocol.messages.team.zone_messages import (
     ZoneChange,
     Zones,
 )
-from robrain.protocol.model.zone import Zone, check_zones
+from robrain.protocol.model.zone import Zone, ZoneKind, check_zones
 from robrain.protocol.wire.endpoint import Request, Serve
 
 PERIOD_NS = to_ns(2.0)
+DOOR_SILENT_NS = to_ns(10.0)
+"""A door that has not reported for longer cannot be used (chosen: it reports once a second)."""
 
 
 class ZoneChanges(msgspec.Struct, frozen=True):
@@ -44,7 +48,29 @@ class ZoneKeeper(CoordinatorPart):
         """When the zones are published next; None while there never were any."""
         core.wire.answer(COORDINATOR_ZONES_NOW, lambda _: self._message(), serve=Serve.IN_STEP)
         core.wire.answer(COORDINATOR_ZONES_CHANGE, self._change, serve=Serve.IN_STEP)
+        self._doors: dict[str, tuple[DoorPosition, int]] = {}
+        """The last position of each door, and when it arrived."""
+        self._shut: set[str] = set()
+        """Doors that cannot be used now."""
+        self._began_ns = core.wire.clock.now_ns()
+        self.subscribe(DOOR_STATE)
         self.policy_changed(core.planning.policy)
+
+    def handle(self, received: Received, now_ns: int) -> None:
+        """Take the position of a door."""
+        self._doors[received.message.door] = received.message.position, now_ns
+
+    def check(self, now_ns: int) -> None:
+        """Shut doors that have failed or are silent, and open them again."""
+        shut = set()
+        for zone in self._zones.values():
+            position, received_ns = self._doors.get(zone.name, (None, self._began_ns))
+            is_silent = now_ns - received_ns > DOOR_SILENT_NS
+            if zone.kind is ZoneKind.DOOR and (is_silent or position is DoorPosition.FAILED):
+                shut.add(zone.name)
+        if shut != self._shut:
+            self._shut = shut
+            self._set(self._zones)
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
@@ -79,11 +105,18 @@ class ZoneKeeper(CoordinatorPart):
         return self._message()
 
     def _message(self) -> Zones:
-        return Zones(zones=sorted(self._zones.values(), key=lambda zone: zone.name))
+        return Zones(zones=sorted(self._obeyed(), key=lambda zone: zone.name))
+
+    def _obeyed(self) -> list[Zone]:
+        """The zones as robots obey them now."""
+        return [
+            msgspec.structs.replace(zone, is_shut=True) if zone.kind is ZoneKind.DOOR and name in self._shut else zone
+            for name, zone in self._zones.items()
+        ]
 
     def _set(self, zones: dict[str, Zone]) -> None:
         self._zones, self._due_ns = zones, 0
-        self.core.team_map.set_zones([*zones.values()])
+        self.core.team_map.set_zones(self._obeyed())
         self.core.assign_soon()
 
 

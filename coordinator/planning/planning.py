@@ -26,6 +26,7 @@ from robrain.coordinator.planning.snapshot_builder import (
     free_in_s,
     is_ending,
 )
+from robrain.coordinator.tasks.admission import NEAR_M
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
@@ -46,7 +47,17 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import PlainReason, PlanLeavesOut, PlanReason, RobotReason, TaskReason, plain
+from robrain.protocol.reasons import (
+    NO_ROUND_TRIP,
+    DoorShut,
+    NearestOut,
+    PlainReason,
+    PlanLeavesOut,
+    PlanReason,
+    RobotReason,
+    TaskReason,
+    plain,
+)
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
 if TYPE_CHECKING:
@@ -390,10 +401,21 @@ class Planning:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
             self.waiting = plan.waiting
             self.left_out = {
-                task: Unplanned(reason, self.left_out[task].since_ns if task in self.left_out else now_ns)
+                task: Unplanned(
+                    self._door_shut(task, reason) or reason,
+                    self.left_out[task].since_ns if task in self.left_out else now_ns,
+                )
                 for task, reason in plan.left_out.items()
             }
         return bool(made)
+
+    def _door_shut(self, task: str, reason: PlanReason) -> DoorShut | None:
+        """The door that does not open and keeps all robots from a task; None for another reason."""
+        record = self._book.find(task)
+        if record is None or not isinstance(reason, NearestOut) or reason.because.code != NO_ROUND_TRIP:
+            return None
+        states = [robot.state for robot in self._roster.robots.values() if robot.state is not None]
+        return self._team_map.shut_door_before(record.task.place, states, NEAR_M)
 
     # -- following them -------------------------------------------------------------------------------------
 

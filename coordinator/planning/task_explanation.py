@@ -206,8 +206,8 @@ class TaskExplainer:
         if record.state is not TaskState.QUEUED:
             robot = f" {'by' if record.state is TaskState.DONE else 'at'} {record.robot}" if record.robot else ""
             known = self._roster.robots.get(record.robot)
-            other = known.state.waits_for if known is not None and known.state is not None else ""
-            waits = f" {record.robot} waits for {other}." if other and record.state is TaskState.RUNNING else ""
+            words = known.state.wait_words if known is not None and known.state is not None else ""
+            waits = f" {record.robot} {words}." if words and record.state is TaskState.RUNNING else ""
             return f"{state}{robot}.{waits} {self._as_sentence(record.why)}".rstrip()
         nearest = reason.because if isinstance(reason, PlanLeavesOut) else None
         if isinstance(nearest, NearestOut) and nearest.because.code == NO_ROUND_TRIP:

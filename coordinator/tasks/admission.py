@@ -222,6 +222,7 @@ def _zone_refusal(
     for zone in zones:
         if zone.kind is ZoneKind.KEEP_OUT and zone.holds(place):
             return f"({place.x_m:g}, {place.y_m:g}) is in the keep-out zone {zone.name}"
+    zones = [zone for zone in zones if not zone.is_shut]  # such a door may open again
     if not zones or seen is None:
         return ""
     from robrain.algorithms.navigation.separation import separating_zones

@@ -192,8 +192,8 @@ class TaskLifecycle:
             return None
         if record is not None and status.state is TaskState.FAILED:
             self.backoff.record(record.task.id, robot, plain("failed", f"failed: {cut(status.why)}"), now_ns)
-        elif record is not None and status.state is TaskState.CANCELLED and self._was_held(record):
-            # It was refused when it was to begin.
+        elif record is not None and status.state is TaskState.CANCELLED and (status.reason or self._was_held(record)):
+            # It was refused when it was to begin, or a door does not open.
             self._avoid_refuser(status.id, robot, status.reason or PlainReason(cut(status.why)), now_ns)
         return record
 

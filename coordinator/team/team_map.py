@@ -5,7 +5,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import OCCUPIED
 from robrain.protocol.model.zone import Zone
+from robrain.protocol.reasons import DoorShut
 
 if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
@@ -46,7 +50,7 @@ class TeamMap:
             if self._zone_grid is None:
                 self._zone_grid = ZoneGrid(self._zones, seen.geometry)
             self._zoned = OccupancyGrid(seen.geometry)
-            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds)
+            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -int(OCCUPIED))
             self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
         return self._zoned
 
@@ -54,6 +58,17 @@ class TeamMap:
     def zones(self) -> tuple[Zone, ...]:
         """The zones that bind all robots."""
         return self._zones
+
+    def shut_door_before(self, place: Point2D, robots: Sequence[RobotState], near_m: float) -> DoorShut | None:
+        """The door that does not open and keeps all robots farther from a place than that; None if there is none."""
+        if self.seen is None or not any(zone.is_shut for zone in self._zones):
+            return None
+        from robrain.algorithms.navigation.separation import separating_zones
+
+        seen, places = self.seen, [Point2D(one.pose.x_m, one.pose.y_m) for one in robots if one.pose is not None]
+        radius_m = min((robot.radius_m for robot in robots), default=0.0)
+        names = separating_zones(seen.classes(), seen.geometry, self._zones, place, places, radius_m, near_m)
+        return next((DoorShut(zone.name) for zone in self._zones if zone.is_shut and zone.name in names), None)
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""

@@ -172,8 +172,8 @@ def task_text(robot: ShownRobot, view: ShownTeam) -> str:
         return f"gone for {span_text(summary.age_s)}, with {short_id(summary.task) or 'no task'}"
     if status is not None:
         reason = status.why or (summary.why if summary is not None else "")
-        if robot.state is not None and robot.state.waits_for and not status.state.ended:
-            reason = f"waits for {robot.state.waits_for}"
+        if robot.state is not None and robot.state.wait_words and not status.state.ended:
+            reason = robot.state.wait_words
         event = view.tasks.get(status.id)
         what = short_id(status.id)
         if event is not None:

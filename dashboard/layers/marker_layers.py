@@ -108,15 +108,24 @@ class ZoneLayer(MeshLayer):
         )
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
-        return by_color((ZONE_COLORS[zone.kind], strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
+        return by_color((color_of(zone), strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
 
 
 ZONE_COLORS = {
     ZoneKind.KEEP_OUT: palette.BAD,
     ZoneKind.SPEED_LIMIT: palette.WARNING,
     ZoneKind.PENALTY: palette.CHARGER,
+    ZoneKind.RESERVED: palette.WARNING,
+    ZoneKind.DOOR: palette.CHARGER,
     ZoneKind.PLACE: palette.ROUTE,
 }
+
+
+def color_of(zone: Zone) -> palette.Rgb:
+    """Colour of a zone's border."""
+    return palette.BAD if zone.is_shut else ZONE_COLORS[zone.kind]
+
+
 ZONE_BORDER_M, ZONE_Z_M = 0.1, 0.02
 ZONE_LABELS = 50
 

@@ -72,6 +72,8 @@ class RobotStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The behavior that drives it."""
     waits_for: str = ""
     """The robot for which it waits."""
+    waits_at: str = ""
+    """The zone or door before which it waits."""
     plugins_out: dict[str, list[str]] = {}
     """Plugins that do not run, by the reason."""
     silent_s: float | None = None
@@ -187,7 +189,10 @@ def _cells(robot: RobotStatus) -> list[str]:
         f"{robot.condition}{gone}",
         "–" if robot.soc is None else f"{robot.soc:.0%}",
         "–" if robot.place is None else f"({robot.place.x_m:.1f}, {robot.place.y_m:.1f})",
-        (robot.task or robot.behavior or "–") + (f", waits for {robot.waits_for}" if robot.waits_for else ""),
+        (robot.task or robot.behavior or "–")
+        + (", waits" if robot.waits_for or robot.waits_at else "")
+        + (f" for {robot.waits_for}" if robot.waits_for else "")
+        + (f" at {robot.waits_at}" if robot.waits_at else ""),
         str(out) if out else "–",
     ]
 
@@ -227,6 +232,7 @@ def robot_status(robot: str, state: RobotState | None) -> RobotStatus:
         task="" if state.task is None or state.task.state.ended else state.task.id,
         behavior=state.behavior,
         waits_for=state.waits_for,
+        waits_at=state.waits_at or "",
         plugins_out=plugins_out,
     )
 

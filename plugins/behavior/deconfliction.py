@@ -282,6 +282,10 @@ class Leg:
         """How far the robot may go along it without touching another robot."""
         return encounter.guard(self.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
 
+    def left(self) -> list[Point2D]:
+        """The remaining points."""
+        return _points(self.path, math.inf)
+
     def drive(self, allowed: Release, claim: Claim) -> None:
         """Go this far, and publish the path."""
         route, has_other_limit = self.path, self._has_other_limit()

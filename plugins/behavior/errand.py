@@ -38,7 +38,7 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons import OfferRefusal, PlainReason, needs_time, no_path, plain
+from robrain.protocol.reasons import DoorShut, OfferRefusal, PlainReason, needs_time, no_path, plain
 
 STEP_S = 0.25
 MEASURED_S = 300.0
@@ -59,6 +59,7 @@ Part = Generator[None, None, None]
 UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet")
 TROUBLE = {
     TravelState.BLOCKED: "the way is blocked",
+    TravelState.DOOR_SHUT: "a door does not open",
     TravelState.TOO_NARROW: "the way is too narrow",
     TravelState.NO_PATH: "no way there",
     TravelState.LOST: "the robot does not know where it is",
@@ -72,7 +73,7 @@ REPORTED_PATH_M = 1.0
 
 
 class Failed(Exception):
-    """A script cannot do its work; the text is the reason."""
+    """A script cannot do its work; the text is the reason. With a `DoorShut` the task does not count as tried."""
 
 
 class Run(msgspec.Struct, Generic[P]):
@@ -89,6 +90,8 @@ class Run(msgspec.Struct, Generic[P]):
     """Planned length of the path there."""
     home_m: float
     """From the place to the nearest charger."""
+    doors_s: float = 0.0
+    """Time that the doors on the planned path take to open."""
     own: str = ""
     """The robot's own activity, without a task of the task desk."""
     script: Any = None
@@ -162,6 +165,8 @@ class Errand(Behavior, ABC, Generic[P]):
         if not self.travel.set_out(goal, priority=priority):
             raise Failed(TROUBLE[TravelState.NO_PATH])
         while (progress := self.travel.step()) is not TravelState.ARRIVED:
+            if progress is TravelState.DOOR_SHUT:
+                raise Failed(DoorShut(self.travel.door))
             if progress in TROUBLE:
                 raise Failed(TROUBLE[progress])
             yield
@@ -263,7 +268,8 @@ class Errand(Behavior, ABC, Generic[P]):
         except StopIteration as end:
             self.finish(TaskState.DONE, "", end.value)
         except Failed as failed:
-            self.finish(TaskState.FAILED, str(failed))
+            shut = failed.args[0] if isinstance(failed.args[0], DoorShut) else None
+            self.finish(TaskState.CANCELLED if shut else TaskState.FAILED, shut or str(failed))
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
 
@@ -307,7 +313,9 @@ class Errand(Behavior, ABC, Generic[P]):
             return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
         path_m = length_m([self.travel.place(), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
-        run = Run(task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m)
+        run = Run(
+            task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m, self.travel.doors_s(path)
+        )
         reason = self.refusal(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
@@ -363,7 +371,7 @@ class Errand(Behavior, ABC, Generic[P]):
             run.is_as_planned = False  # learn once from one path
             self.budget.energy.outcome(Work(path_m=run.path_m), run.energy_j)
 
-    def finish(self, state: TaskState, reason: str, result: dict[str, Any] | None = None) -> None:
+    def finish(self, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()
@@ -371,7 +379,7 @@ class Errand(Behavior, ABC, Generic[P]):
         self.travel.stop()
         if run is not None and run.own:
             self.env.tasks.vacate(self.env.plugin)
-            self.ended_own(state, reason)
+            self.ended_own(state, str(reason))
         elif run is not None:
             if state is TaskState.DONE and run.away_m > AWAY_M:
                 reason = f"{run.away_m:.2f} m from its place, which is not free"
@@ -415,7 +423,8 @@ class Errand(Behavior, ABC, Generic[P]):
         if run.there_ns is None:
             straight_m = 0.0 if run.at is None else run.at.distance_m(run.goal)
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
-            return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s)
+            doors_s = self.travel.doors_left_s if run.has_begun else run.doors_s
+            return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s + doors_s)
         stayed_s = to_seconds(self._now_ns() - run.there_ns)
         left_m = max(0.0, work.path_m - (run.gone_m - run.there_gone_m))
         return msgspec.structs.replace(work, path_m=left_m, wait_s=max(0.0, work.wait_s - stayed_s))

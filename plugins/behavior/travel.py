@@ -1,19 +1,20 @@
 """Travel: how a behavior gets to a place. It plans, follows, replans, gives way, and publishes its path to the team."""
 
-import math
 from enum import Enum, auto
 
 import numpy as np
 
 from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
-from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release, sample_path
 from robrain.algorithms.numeric.kernel_array import Floats
+from robrain.plugins.behavior.area_gate import AreaGate
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
+from robrain.plugins.behavior.lost_search import PATIENCE_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.localisation import LocalisationInterface
 from robrain.plugins.skill.mapper.mapper import MapCells, MapperInterface
 from robrain.plugins.skill.planner import PlannerInterface
-from robrain.plugins.unit.driver.interface import DriverInterface, Motion
+from robrain.plugins.unit.driver.interface import DriverInterface
 from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterface
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
@@ -26,56 +27,6 @@ from robrain.protocol.reasons import PositionLost, sentence_of
 
 FIND_ITSELF = "find itself"
 """Board text for a robot that searches for its place and has nothing else to do."""
-SPEED_M_S = 0.25
-LEG_M = 1.5
-CORNER_RAD = math.radians(100.0)
-"""From one leg to the next: after seven of them all directions have been gone in, and no two lie in line."""
-ASIDE_RAD = math.radians(137.5)
-"""From a leg that is blocked to the next, the golden angle: the directions tried spread out evenly."""
-BLOCKED_S = 0.6
-PATIENCE_S = 120.0
-"""Chosen: some 25 m of path. A robot that is still lost after this time stays lost."""
-TASK_PATIENCE_S = 15.0
-"""Time that a task waits for a robot that maps in its own frame. After it, other robots do the task, and this robot may
-explore."""
-
-
-class LostSearch:
-    """One robot's search; made when it is lost, stepped until it is not.
-
-    Args:
-        driver: the plugins with which it drives.
-        now_ns: when it begins.
-
-    """
-
-    def __init__(self, driver: DriverInterface, now_ns: int) -> None:
-        self._driver = driver
-        self._since_ns = now_ns
-        self._heading_rad = driver.pose().yaw_rad
-        self._is_at_it = False
-        self.has_given_up = False
-
-    def step(self, now_ns: int, patience_s: float = PATIENCE_S) -> None:
-        """Continue, or stop for good after this time of searching."""
-        if self.has_given_up:
-            return
-        if now_ns >= self._since_ns + to_ns(patience_s):
-            self.has_given_up = True
-            self._driver.stop()
-            return
-        if self._is_at_it and self._driver.motion() is not Motion.STOPPED:
-            if self._driver.blocked_s() < BLOCKED_S:
-                return
-            self._heading_rad += ASIDE_RAD
-        elif self._is_at_it:
-            self._heading_rad += CORNER_RAD
-        self._is_at_it = True
-        pose = self._driver.pose()
-        end = Point2D(pose.x_m + LEG_M * math.cos(self._heading_rad), pose.y_m + LEG_M * math.sin(self._heading_rad))
-        self._driver.follow([end], SPEED_M_S)
-
-
 REQUIRES = ("driver", "teammates", "localisation", "mapper", "planner")
 """Requirements of a behavior that travels, in its manifest."""
 NEXT_CHECK_M = 0.4
@@ -91,6 +42,8 @@ RIGHT_S = 20.0
 """A robot keeps to the right for this time after another has come towards it (chosen: decision 0076)."""
 MOVED_M = 0.1
 """Less than this is no motion."""
+ROLL_M = 0.6
+"""A robot that is ordered to stop rolls on by less than this."""
 IDLE = Claim()
 """An idle robot yields to every robot with a task."""
 
@@ -128,6 +81,8 @@ class TravelState(Enum):
     ARRIVED = auto()
     BLOCKED = auto()
     """Something has blocked the path for too long."""
+    DOOR_SHUT = auto()
+    """A door has not opened; `door` is its name."""
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_PATH = auto()
@@ -176,6 +131,7 @@ class Travel:
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None for another cause."""
+        self._has_reported_wait = False
         self.wait_s = 0.0
         """Estimated time until the robot for which it waits has passed; 0 if it waits for none."""
 
@@ -194,6 +150,7 @@ class Travel:
         self._planner = env.use("planner", PlannerInterface)
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
+        self._gate = AreaGate(env, self.teammates, self._mapper.view, self.driver.radius_m())
         self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view)
 
     @property
@@ -214,6 +171,22 @@ class Travel:
         """
         reason = self._env.board.lost
         return PositionLost(self._env.robot, reason) if reason else None
+
+    @property
+    def door(self) -> str:
+        """The door that does not open for the robot; empty if there is none."""
+        return self._gate.shut_door
+
+    def doors_s(self, path: list[Point2D]) -> float:
+        """Time that the doors on a path from here take to open."""
+        place = self.place()
+        points = np.array([(point.x_m, point.y_m) for point in (place, *path)])
+        return self._gate.opening_s(sample_path(points, LONGEST_M)) if self.view().areas else 0.0
+
+    @property
+    def doors_left_s(self) -> float:
+        """The same for the path that it drives."""
+        return 0.0 if self._leg is None or self._goal is None else self.doors_s(self._leg.left())
 
     def find_itself(self, *, for_task: bool = False) -> bool:
         """Drive about slowly while the robot is lost, bound for nowhere; False once that has failed.
@@ -296,6 +269,7 @@ class Travel:
                     self._goal = goal
                     self._is_narrow_goal = is_narrow and goal == goals[0]
                     self._contested_ns = None
+                    self._gate.waited_at = ""
                     self._travel_claim.set_out(priority, self._since_ns)
                     self._go(self._handle(path, pose, is_narrow=squeezes), self._meet(pose), pose)
                     return True
@@ -318,9 +292,11 @@ class Travel:
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
+        if self._gate.has_waited_too_long:
+            return TravelState.DOOR_SHUT
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
-            return TravelState.NO_PATH
+            return TravelState.DOOR_SHUT if self.door else TravelState.NO_PATH
         leg = self._leg
         return TravelState.WAITING if leg is None else self._go(leg, encounter, pose)
 
@@ -337,15 +313,17 @@ class Travel:
         encounter = self._meet(pose, IDLE)
         if leg is not None:
             if leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
-                leg.drive(leg.guard(encounter, pose), IDLE)
+                self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
                 return True
             self.stop()
+        self._gate.limit(_here(pose))
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        out = self._planner.leave_zone(self.view(), self.place()) if is_due else []
+        wanted = self._gate.wanted(_here(pose)) if is_due else None
+        out = self._planner.leave_zone(self.view(), self.place(), wanted) if is_due else []
         if out:
             self._checked_ns = now_ns
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
-            leg.drive(leg.guard(encounter, pose), IDLE)
+            self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
             return True
         pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
         if pressed_by:
@@ -353,7 +331,7 @@ class Travel:
             (presser, *_) = (teammate for teammate in encounter.teammates if teammate.name in pressed_by)
             leg = self._leg = self._refuge(encounter, pose, presser, self._widths())
             if leg is not None:
-                leg.drive(leg.guard(encounter, pose), IDLE)
+                self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
                 return True
         return False
 
@@ -379,7 +357,10 @@ class Travel:
         self._wait_for("")
 
     def stop(self) -> None:
-        """Stop, and publish this."""
+        """Stop, and publish this. Areas are released, but those that the robot may still roll into."""
+        if not self.lost:  # a lost robot may be in any of them
+            pose, leg = self.pose(), self._leg
+            self._gate.limit(_here(pose) if leg is None else leg.path.ahead(pose.x_m, pose.y_m, ROLL_M))
         self.forget()
         self.driver.stop()
         self._paths.put(PlannedPath(robot=self._env.robot, points=[]))
@@ -492,12 +473,12 @@ class Travel:
     def _go(self, leg: Leg, encounter: Encounter, pose: Pose2D) -> TravelState:
         """Drive as far as others permit, or aside."""
         if leg.is_escape:
-            leg.drive(leg.guard(encounter, pose), self._travel_claim.claim)
+            self._drive(leg, leg.guard(encounter, pose), pose, self._travel_claim.claim)
             return TravelState.WAITING
         now_ns = self._env.clock.now_ns()
         ahead = leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
         self._travel_claim.relieve(encounter, ahead)
-        self._travel_claim.follow(encounter.leader)
+        self._travel_claim.follow(self._leader(encounter))
         allowed = encounter.release(ahead)
         if not allowed.is_whole:
             self._contested_ns = now_ns
@@ -511,13 +492,38 @@ class Travel:
                     self._escape(leg, encounter, pose, encounter.teammates[allowed.by])
                     self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
                     return TravelState.WAITING
-        leg.drive(self._careful(leg, allowed, ahead, now_ns), self._travel_claim.claim)
+        if self._drive(leg, self._careful(leg, allowed, ahead, now_ns), pose, self._travel_claim.claim):
+            names = [teammate.name for teammate in encounter.teammates]
+            if self._env.board.waits_for in names:
+                self.wait_s = encounter.passes_in_s(names.index(self._env.board.waits_for), ahead)
+            return TravelState.WAITING
         if allowed.is_whole or allowed.positions > 2:
             self._wait_for("")
             return TravelState.MOVING
         if allowed.by >= 0:
             self._wait_for(encounter.teammates[allowed.by].name, encounter.passes_in_s(allowed.by, ahead))
         return TravelState.WAITING
+
+    def _drive(self, leg: Leg, allowed: Release, pose: Pose2D, claim: Claim) -> bool:
+        """Drive as far as other robots and the areas on the path permit; whether the robot waits before an area."""
+        open_positions = self._gate.limit(leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
+        leg.drive(_at_most(allowed, open_positions), claim)
+        wait = self._gate.wait
+        if wait is None or min(open_positions, allowed.positions) > 2 or open_positions > allowed.positions:
+            return False
+        others = [robot for robot in wait.robots if robot != self._env.robot]
+        self._wait_for(others[0] if others else "", at=wait.at)
+        return True
+
+    def _leader(self, encounter: Encounter) -> NearbyRobot | None:
+        """The robot by whose claim this one acts: the one before it at an area, or the one behind which it drives.
+
+        A robot that has an area does not act by the claim of one that waits for it.
+        """
+        wait, leader = self._gate.wait, encounter.leader
+        before = wait.robots[-1] if wait is not None and wait.robots else ""
+        found = next((one for one in encounter.teammates if one.name == before), leader)
+        return None if found is None or found.claim.lent_by == self._env.robot else found
 
     def _careful(self, leg: Leg, allowed: Release, ahead: Floats, now_ns: int) -> Release:
         """Limit the release to what the map allows, and to small steps after the driver was blocked."""
@@ -540,7 +546,7 @@ class Travel:
         allowed_there = encounter.release(other.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M))
         if not allowed_there.is_whole and allowed_there.positions < allowed.positions + round(DETOUR_GAIN_M / STEP_M):
             return False
-        self._handle(path, pose).drive(allowed_there, self._travel_claim.claim)
+        self._drive(self._handle(path, pose), allowed_there, pose, self._travel_claim.claim)
         return True
 
     def _escape(self, leg: Leg, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot) -> None:
@@ -553,7 +559,7 @@ class Travel:
         self._planned_ns = self._env.clock.now_ns()
         self._travel_claim.make_room_for(teammate)
         self._leg = out
-        out.drive(out.guard(encounter, pose), self._travel_claim.claim)
+        self._drive(out, out.guard(encounter, pose), pose, self._travel_claim.claim)
 
     def _refuge(
         self, encounter: Encounter, pose: Pose2D, teammate: NearbyRobot, widths: tuple[bool, ...]
@@ -569,8 +575,11 @@ class Travel:
                 return Leg(self._outlet, pose, path, is_escape=True, is_narrow=is_narrow)
         return None
 
-    def _wait_for(self, robot: str, wait_s: float = 0.0) -> None:
-        self._env.board.waits_for, self.wait_s = robot, wait_s
+    def _wait_for(self, robot: str, wait_s: float = 0.0, at: str = "") -> None:
+        self.wait_s = wait_s
+        if robot or at or self._has_reported_wait:  # otherwise the report may be that of another behavior's travel
+            self._env.board.waits_for, self._env.board.waits_at = robot, at
+        self._has_reported_wait = bool(robot or at)
 
 
 def _here(pose: Pose2D) -> Floats:

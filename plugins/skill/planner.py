@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from robrain.agent.plugin import Skill
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
-from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath
+from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath, clearance_m
 from robrain.algorithms.navigation.path_planning import distance_field, standpoint
+from robrain.algorithms.navigation.reservations import ReservedArea
 from robrain.algorithms.navigation.right_of_way import Track, escape_cells
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.skill.mapper.mapper import MapCells
@@ -21,6 +22,9 @@ from robrain.protocol.model.ranges import Positive
 
 Circle = tuple[float, float, float]
 """x, y, radius: metres, arena frame."""
+
+LEFT_M = 0.25
+"""Distance of the hull from an area that the robot has left (chosen): more than the gate asks for."""
 
 
 class PlannerInterface(Protocol):
@@ -58,8 +62,11 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
 
-    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
-        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
+    def leave_zone(self, view: MapCells, start: Point2D, area: ReservedArea | None = None) -> list[Point2D]:
+        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it.
+
+        The same for an area that the robot is to leave.
+        """
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
@@ -118,16 +125,21 @@ class Planner(Skill):
         path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
         return None if path is None else out + path
 
-    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
-        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
-        if view.zones is None or view.seen is None or not view.zones.shuts(start):
+    def leave_zone(self, view: MapCells, start: Point2D, area: ReservedArea | None = None) -> list[Point2D]:
+        """Waypoints of the shortest way out of keep-out zones, or an area; none if there is none."""
+        if view.zones is None or view.seen is None or not (area or view.zones.shuts(start)):
             return []
         seen, snap_m = self._make(view, view.seen, is_narrow=True), self.parameters.snap_m
         begin = seen.snap(start, snap_m)
         if begin is None:
             return []
         costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
-        costs = np.where(self._navigation(view).traversable, costs, np.inf)
+        is_outside = self._navigation(view).traversable
+        if area is not None:
+            reach_m = self._radius_m + LEFT_M
+            away_m = clearance_m(area.cells(view.geometry), view.geometry.resolution_m, reach_m)
+            is_outside = is_outside & (away_m >= reach_m)
+        costs = np.where(is_outside, costs, np.inf)
         row, column = divmod(int(costs.argmin()), costs.shape[1])
         if not np.isfinite(costs[row, column]):
             return []

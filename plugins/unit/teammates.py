@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from robrain.agent.plugin import Unit, external
+from robrain.algorithms.navigation.reservations import ReservedArea, TeammateRequests, blockers
 from robrain.algorithms.navigation.right_of_way import (
     LONGEST_M,
     STEP_M,
@@ -24,9 +25,15 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, ROBOT_STATE, PlannedPath, RobotState
+from robrain.protocol.messages.robots.robot_messages import (
+    RESERVATIONS_MAX,
+    ROBOT_PATH,
+    ROBOT_STATE,
+    PlannedPath,
+    RobotState,
+)
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.claim import Claim, Rank
+from robrain.protocol.model.claim import Claim, Rank, Reservation, ZoneNames
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
 from robrain.protocol.model.ranges import Positive
@@ -97,6 +104,20 @@ class TeammatesInterface(Protocol):
     def nearby(self, place: Point2D, within_m: float) -> list[NearbyRobot]:
         """Those that are, or are bound, within a distance of a place, by name; also those that have fallen silent."""
 
+    def reserve(self, wanted: Sequence[tuple[ReservedArea, bool]]) -> dict[ZoneNames, list[str]]:
+        """Request these areas, and release all others.
+
+        Args:
+            wanted: the areas, and whether the robot is there already.
+
+        Returns:
+            For each area the robots for which the robot waits, itself while it starts; none if it may drive there.
+
+        """
+
+    def is_wanted(self, area: ReservedArea) -> bool:
+        """Whether another robot waits for an area that this robot has."""
+
 
 RECEIVE_NS = to_ns(0.15)
 """Each teammate sends ten states a second; every second one is enough, and decoding dominates the cost."""
@@ -113,6 +134,10 @@ ROLLS_M_S = 0.1
 ROLLS_S = 1.5
 """Time that a robot faster than `ROLLS_M_S` without a path is assumed to go straight on."""
 LEAST_W = 0.1
+START_NS = to_ns(3.0)
+"""Time after its start in which a robot neither grants nor gets zones (chosen): it receives its team and the zones."""
+LATE_NS = to_ns(60.0)
+"""A state that is older than the last by less than this was overtaken by it; otherwise the robot's clock was set."""
 LOST_MARGIN_M = 0.5
 """Distance kept from a lost teammate, beyond its radius; chosen."""
 
@@ -164,6 +189,10 @@ class KnownTeammate:
         self.default_speed_m_s = speed_m_s
         self.cached: NearbyRobot | None = None
         """The last prediction; None after a newer message."""
+        self.requests: Sequence[Reservation] = ()
+        """Requests for zones in its last state."""
+        self.has_reserved = False
+        """Whether some of them are its own."""
 
 
 # Each of these handles all teammates at once: calls dominate the cost of a large team.
@@ -174,10 +203,16 @@ def receive_states(reported: Iterable[tuple[KnownTeammate, RobotState]], now_ns:
     for known, state in reported:
         known.spoke_ns = now_ns
         pose = state.pose
+        last = known.state
         if pose is None:
             continue
+        if known.requests and last is not None and 0 < last.stamp_ns - state.stamp_ns < LATE_NS:
+            continue  # an older message must not undo a request
         known.received_ns = now_ns
         known.state, known.frame, known.cached = state, state.frame, None
+        if state.reservations or known.requests:
+            known.requests = state.reservations or ()
+            known.has_reserved = any(one.robot == known.name for one in known.requests)
         known.teammate = Teammate(known.name, pose, state.velocity, state.radius_m)
         at = known.moved_at
         # Each robot does this for each other: a call for it would be a thirtieth of all calls among 64 robots.
@@ -335,6 +370,9 @@ class Teammates(Unit):
         self._inbox = Inbox()
         self._next_ns = 0
         self._known: dict[str, KnownTeammate] = {}
+        self._own: dict[ZoneNames, Reservation] = {}
+        """This robot's requests."""
+        self._began_ns: int | None = None
         self._fresh_ns = to_ns(self.parameters.fresh_s)
         self._remember_ns = to_ns(self.parameters.remember_s)
         self._stalled_ns = to_ns(self.parameters.stalled_s)
@@ -344,8 +382,11 @@ class Teammates(Unit):
         self.env.wire.subscribe(self._inbox, ROBOT_STATE)
         self.env.wire.subscribe(self._inbox, ROBOT_PATH)
 
+    def emergency_halt(self) -> None:
+        self._own = {names: one for names, one in self._own.items() if one.has}
+
     def step(self) -> None:
-        self._receive()
+        self._publish_requests(self._receive())
 
     @external
     def others(self) -> list[Teammate]:
@@ -373,6 +414,53 @@ class Teammates(Unit):
         here = [known for known in self._known.values() if known.frame == frame]
         return near(reckon(may_be_near(here, place, within_m), now_ns, self._fresh_ns), place, within_m)
 
+    def reserve(self, wanted: Sequence[tuple[ReservedArea, bool]]) -> dict[ZoneNames, list[str]]:
+        """Request these areas, and release all others; returns the robots for which it waits."""
+        if not wanted and not self._own:
+            return {}
+        now_ns, robot = self._receive(), self.env.robot
+        self._own = {area.names: self._own.get(area.names) or _request(robot, area, now_ns) for area, _ in wanted}
+        waits = dict[ZoneNames, list[str]]()
+        others = self._requests(now_ns)
+        for area, is_there in wanted:
+            own, robots = self._own[area.names], list[str]()
+            if not own.has:
+                if area.is_exclusive and not is_there:
+                    robots = [robot] if self._is_starting(now_ns) else blockers(own, others)
+                self._own[area.names] = msgspec.structs.replace(own, has=not robots)
+            waits[area.names] = robots
+        self._publish_requests(now_ns)
+        return waits
+
+    def is_wanted(self, area: ReservedArea) -> bool:
+        """Whether another robot waits for an area that this robot has."""
+        names = set(area.names)
+        return any(
+            not one.has and not names.isdisjoint(one.zones)
+            for name, received in self._requests(self.env.clock.now_ns()).items()
+            for one in received.reservations
+            if received.is_fresh and one.robot == name
+        )
+
+    def _requests(self, now_ns: int) -> dict[str, TeammateRequests]:
+        """The requests that the robots that obey zones have published."""
+        return {
+            known.name: TeammateRequests(known.requests, now_ns - known.received_ns <= self._fresh_ns)
+            for known in self._known.values()
+            if known.state is not None and known.state.reservations is not msgspec.UNSET
+        }
+
+    def _publish_requests(self, now_ns: int) -> None:
+        there = [known for known in self._known.values() if known.has_reserved]
+        theirs = [one for known in there for one in known.requests if one.robot == known.name]
+        found = () if self._is_starting(now_ns) else (*self._own.values(), *theirs)
+        self.env.board.reservations = found[:RESERVATIONS_MAX]
+
+    def _is_starting(self, now_ns: int) -> bool:
+        if self._began_ns is None:
+            self._began_ns = now_ns
+        return now_ns - self._began_ns < START_NS
+
     def _receive(self) -> int:
         now_ns = self.env.clock.now_ns()
         if now_ns < self._next_ns:
@@ -386,7 +474,7 @@ class Teammates(Unit):
         oldest_ns = min([known.spoke_ns for known in self._known.values()], default=now_ns)
         if len(self._known) != count or oldest_ns < too_old_ns:
             by_name = sorted(self._known.items())
-            self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns}
+            self._known = {name: known for name, known in by_name if known.spoke_ns >= too_old_ns or known.has_reserved}
         return now_ns
 
     def _handle(self, batch: Sequence[Received]) -> None:
@@ -409,3 +497,7 @@ class Teammates(Unit):
         now_ns = self.env.clock.now_ns()
         receive_paths(paths, now_ns)
         receive_states(states, now_ns)
+
+
+def _request(robot: str, area: ReservedArea, now_ns: int) -> Reservation:
+    return Reservation(robot=robot, zones=area.names, since_ns=now_ns)

@@ -12,6 +12,7 @@ from robrain.protocol.messages.tasks.consensus_messages import ROBOT_SUBMIT
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TASK_CHANGE, TASK_SUBMIT
 from robrain.protocol.messages.team.arena_messages import ARENA_CAN, ARENA_RADIO_TX, ARENA_SERIAL_TX, ARENA_TRUTH
+from robrain.protocol.messages.team.door_messages import DOOR_STATE
 from robrain.protocol.messages.team.recorder_messages import REPLAY_CONTROL
 from robrain.protocol.messages.team.standing_messages import COORDINATOR_COPY, COORDINATOR_JOURNAL, COORDINATOR_STAND_BY
 from robrain.protocol.messages.team.team_messages import HALT
@@ -49,6 +50,7 @@ SPEAKERS: dict[Role, Roles] = {
 """Roles that publish, answer and announce rows, unless a row names others."""
 PUTS: dict[str, Roles] = {
     HALT.name: _DESK,
+    DOOR_STATE.name: _OPERATOR | _ARENA,
     ARENA_CAN.name: _ARENA | _ROBOT,
     ARENA_RADIO_TX.name: _ARENA | _ROBOT,
     ARENA_SERIAL_TX.name: _ARENA | _ROBOT,  # the arena opens pseudo terminals

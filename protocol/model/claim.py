@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.model.ranges import Name, Quantity
+from robrain.protocol.model.ranges import Name, Quantity, Stamp
 
 Degree = Annotated[int, Meta(ge=0, le=1_000_000_000)]
 Rank = tuple[int, float, str, int, str]
@@ -51,3 +51,23 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True):
     def rank(self, name: str) -> Rank:
         """Key by which the robot `name` with this claim is compared with others: the lesser goes first."""
         return -self.cornered, self.order_s, self.lent_by or name, self.lent, name
+
+
+ZoneNames = Annotated[tuple[Name, ...], Meta(max_length=256)]
+
+
+class Reservation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A robot's request for zones that its path crosses."""
+
+    robot: Name
+    zones: ZoneNames
+    """Names of the zones, which are reserved together."""
+    since_ns: Stamp
+    """Time of the request, by the robot's clock: the earlier request goes first. It also identifies the request."""
+    has: bool = False
+    """Whether the robot may drive there, or is there."""
+
+    @property
+    def rank(self) -> tuple[int, str]:
+        """Key by which requests are compared: the lesser goes first."""
+        return self.since_ns, self.robot

@@ -24,6 +24,10 @@ class ZoneKind(StrEnum):
     """Robots drive at most at `speed_m_s`."""
     PENALTY = "penalty"
     """Paths avoid it: a metre there counts like `cost_m` metres more."""
+    RESERVED = "reserved"
+    """One robot of the team at a time drives there; the others wait outside."""
+    DOOR = "door"
+    """Robots have it opened, and drive there only while it is open."""
     PLACE = "place"
     """It has a name and no rule. It may be a single point."""
 
@@ -45,6 +49,8 @@ class Zone(Checked, frozen=True, kw_only=True):
     """Extra cost of a metre in a zone of the kind `penalty`."""
     robots: Annotated[tuple[Name, ...], Meta(max_length=1000)] = ()
     """Names of the robots that obey it; all if empty."""
+    is_shut: bool = False
+    """Whether a zone of the kind `door` cannot be used now; robots then obey it as a keep-out zone."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,6 +60,8 @@ class Zone(Checked, frozen=True, kw_only=True):
             if (getattr(self, field) is None) == (self.kind is kind):
                 expected = f"{field} with kind = {kind.value!r}" if self.kind is kind else f"no {field}"
                 raise ValueError(f"zone {self.name}: expected {expected}")
+        if self.is_shut and self.kind is not ZoneKind.DOOR:
+            raise ValueError(f"zone {self.name}: expected is_shut with kind = 'door' alone")
 
     @property
     def rule(self) -> str:
@@ -62,6 +70,10 @@ class Zone(Checked, frozen=True, kw_only=True):
             return f"at most {self.speed_m_s:g} m/s"
         if self.kind is ZoneKind.PLACE:
             return f"place ({self.centre.x_m:g}, {self.centre.y_m:g})"
+        if self.kind is ZoneKind.RESERVED:
+            return "one robot at a time"
+        if self.kind is ZoneKind.DOOR:
+            return "door that does not open" if self.is_shut else "door"
         return "keep out" if self.cost_m is None else f"avoid, +{self.cost_m:g} m for each metre"
 
     @property
@@ -89,7 +101,7 @@ class Zone(Checked, frozen=True, kw_only=True):
         return not self.robots or robot in self.robots
 
 
-class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """`[[planning.zones]]`: a zone in a file."""
 
 

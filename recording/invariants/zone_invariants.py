@@ -19,7 +19,7 @@ LOST_NS = to_ns(2.0)
 
 
 class ZonesObeyed(InvariantJudge):
-    """Finds robots that enter keep-out zones, do not leave new ones, or drive too fast.
+    """Finds robots that enter keep-out zones or occupied reserved ones, do not leave new ones, or drive too fast.
 
     Robots that are halted, lost or without the team's map frame are not judged.
     """
@@ -61,7 +61,9 @@ class ZonesObeyed(InvariantJudge):
             for zone in self._zones.values():
                 if not zone.binds(now.robot):
                     continue
-                if zone.kind is ZoneKind.KEEP_OUT:
+                if zone.kind is ZoneKind.RESERVED:
+                    self._judge_alone(now, last, zone, truth, time_ns)
+                elif zone.kind is ZoneKind.KEEP_OUT:
                     self._judge_place(now, last, zone, time_ns, is_excused=is_excused)
                 elif zone.speed_m_s is not None and not is_excused and truth.sim_time_s > last_s:
                     speed_m_s = (now.distance_m - last.distance_m) / (truth.sim_time_s - last_s)
@@ -89,6 +91,16 @@ class ZonesObeyed(InvariantJudge):
             for_s = round(to_seconds(time_ns - entered_ns), 1)
             text = f"{now.robot} has not left the keep-out zone {zone.name} for {for_s:g} s"
             self.break_(time_ns, "not_left", text, {**where, "for_s": for_s})
+
+    def _judge_alone(self, now: RobotTruth, last: RobotTruth, zone: Zone, truth: ArenaTruth, time_ns: int) -> None:
+        is_new = time_ns - self._since_ns[zone.name] <= NEW_NS
+        if is_new or not zone.holds(_place(now)) or zone.holds(_place(last)):
+            return
+        inside = [one.robot for one in truth.robots if zone.holds(_place(one)) and zone.binds(one.robot)]
+        for other in inside:
+            if other != now.robot:
+                text = f"{now.robot} enters the reserved zone {zone.name}, where {other} is"
+                self.break_(time_ns, "not_alone", text, {"robot": now.robot, "zone": zone.name, "other": other})
 
     def _is_leaving(self, last: RobotTruth) -> bool:
         """Whether the robot was in a keep-out zone, perhaps another one, from which the way out leads through this."""

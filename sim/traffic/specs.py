@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import NotNegative, Positive, Share
+from robrain.protocol.model.ranges import Name, NotNegative, Positive, Share
 
 ROBOT_COLLISION, WALL_COLLISION, MOVER_COLLISION = 1, 2, 3
 """Collision types of shapes in the arena's space."""
@@ -19,7 +19,7 @@ LONGEST_S = 1e6
 
 
 class DoorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[doors]]`: a door that opens and closes by a timetable: either `open_s` or `period_s`.
+    """`[[doors]]`: a door that opens by a timetable, `open_s` or `period_s`, or on robots' requests, `opening_s`.
 
     A closed door is a wall for robots, sensors and people. A door that would close on a body waits until its area is
     clear. The floor behind counts as reachable. Raises ValueError for impossible values.
@@ -38,13 +38,21 @@ class DoorSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """With `period_s`: share of the period in which it is open."""
     phase_s: NotNegative | None = None
     """With `period_s`: time of the first opening; drawn from the seed if absent."""
+    opening_s: Positive | None = None
+    """Time that it takes to open on request."""
+    name: Name = ""
+    """With `opening_s`: the name of its zone of the kind `door`."""
+    stuck_s: tuple[tuple[float, float], ...] = ()
+    """With `opening_s`: intervals of simulated time in which it does not open."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.from_m == self.to_m:
             raise ValueError(f"expected to_m different from from_m, got {list(self.to_m)} for both")
-        if (self.open_s is None) == (self.period_s is None):
-            raise ValueError("expected either open_s or period_s")
+        if [self.open_s, self.period_s, self.opening_s].count(None) != 2:
+            raise ValueError("expected one of open_s, period_s and opening_s")
+        if (self.opening_s is None) == bool(self.name) or (self.stuck_s and not self.name):
+            raise ValueError("expected name with opening_s, and stuck_s for such a door alone")
         before_s = 0.0
         for opens_s, closes_s in self.open_s or ():
             if not before_s <= opens_s < closes_s:

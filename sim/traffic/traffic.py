@@ -213,13 +213,36 @@ class Door:
         """Area that the door closes."""
         self.is_open = True
         """Before the first step it is."""
+        self.is_requested = False
+        """Whether robots request it; for a door that opens on request."""
+        self._requested_s: float | None = None
+        """Since when they have, while it is not stuck."""
 
     def is_due_open(self, now_s: float) -> bool:
         """Whether it is open by the timetable."""
         spec = self._spec
+        if spec.opening_s is not None:
+            is_stuck = any(begins_s <= now_s < ends_s for begins_s, ends_s in spec.stuck_s)
+            if not self.is_requested or (is_stuck and not self.is_open):
+                self._requested_s = None
+            elif self._requested_s is None:
+                self._requested_s = now_s
+            return self._requested_s is not None and now_s >= self._requested_s + spec.opening_s
         if spec.period_s is None:
             return any(opens_s <= now_s < closes_s for opens_s, closes_s in spec.open_s or ())
         return (now_s - self._phase_s) % spec.period_s < spec.open_share * spec.period_s
+
+    def open(self) -> None:
+        """Order the door to open; see `DoorDriver`."""
+        self.is_requested = True
+
+    def close(self) -> None:
+        """Let the door close."""
+        self.is_requested = False
+
+    def state(self) -> bool:
+        """Whether a robot can pass."""
+        return self.is_open
 
     def step(self, now_s: float, discs: Iterable[Disc]) -> bool:
         """Open or close; whether it has changed.
@@ -388,7 +411,10 @@ class Traffic:
         self._plan = plan
         self._ticks = 0
         doors_rng = np.random.default_rng([seed, _RNG_OF_TRAFFIC, 0])
-        self._doors = [Door(f"door{number}", door, doors_rng) for number, door in enumerate(spec.doors, 1)]
+        self._doors = [Door(door.name or f"door{number}", door, doors_rng) for number, door in enumerate(spec.doors, 1)]
+        self.doors_on_request = [
+            (door, spec) for door, spec in zip(self._doors, spec.doors, strict=True) if spec.opening_s is not None
+        ]
         self._door_shapes = [_door_shape(space, door.box) for door in self._doors]
         self._door_cells = [box_cells(door.box, plan) for door in self._doors]
         self._movers = [

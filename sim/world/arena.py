@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.navigation.clearance import least_clearance_m
+from robrain.client.door_keeper import DoorKeeper
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
@@ -175,6 +176,10 @@ class Arena:
         faults = [fault for fault in world.faults if fault.is_plain]
         self._faults = FaultSchedule(faults, {robot.name: robot for robot in self._robots}, endpoint)
         self.tasks = TaskSchedule(world.tasks, endpoint)
+        self._doors = [
+            DoorKeeper(spec.name, door, endpoint, opening_s=spec.opening_s or 0.0)
+            for door, spec in (self._team.traffic.doors_on_request if self._team.traffic is not None else ())
+        ]
         self._added = [table.build(world, endpoint) for table in world.added]
         self._clock_publisher = endpoint.publisher(arena_messages.ARENA_CLOCK)
         self._truth_publisher = endpoint.publisher(arena_messages.ARENA_TRUTH)
@@ -233,6 +238,8 @@ class Arena:
             gateway.step()
         if self.tasks.is_on:
             self.tasks.step(self.sim_time_s)
+        for keeper in self._doors:
+            keeper.step()
         for step in self._added:
             step(to_ns(self.sim_time_s))
         if self._ticks % self._clock_period_ticks == 0:

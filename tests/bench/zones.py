@@ -54,7 +54,7 @@ def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
 
 
 def _zones(rng: np.random.Generator, world: World, prefix: str) -> list[Zone]:
-    kinds = [*ZoneKind, ZoneKind.KEEP_OUT]
+    kinds = [*(kind for kind in ZoneKind if kind is not ZoneKind.DOOR), ZoneKind.KEEP_OUT]
     return [_zone(rng, f"{prefix}{kind}{number}", _place(rng, world.plan), kind) for number, kind in enumerate(kinds)]
 
 
@@ -111,6 +111,7 @@ def figures(sets: int) -> Iterator[Figure]:
     found = sum((run_set(number) for number in range(sets)), Counter[str]())
     yield deterministic(f"{sets} sets: entries into keep-out zones", found["entered"], "", at_most(0))
     yield deterministic(f"{sets} sets: speeds above a limit by more than 5 %", found["too_fast"], "", at_most(0))
+    yield deterministic(f"{sets} sets: entries into occupied reserved zones", found["not_alone"], "", at_most(0))
     share = 100.0 * found["left"] / max(1, found["inside"])
     beside = f"{found['inside']} robots"
     yield deterministic(f"{sets} sets: robots in new zones that left within 25 s", share, "%", at_least(100), beside)

@@ -11,6 +11,7 @@ from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.coordinator_process import read_witnesses
 from robrain.deploy.processes.table_files import read_planning, write_planning
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.zone import ZoneKind, ZoneTable
 from robrain.sim.errors import ScenarioError
 
 ROOM = """
@@ -77,8 +78,15 @@ def test_a_recording_has_a_number_that_no_part_of_another_has(tmp_path, there, e
 
 
 def test_what_is_written_is_read(tmp_path):
+    lane = ZoneTable(name="lane", kind=ZoneKind.RESERVED, corners_m=((0.0, 0.0), (2.0, 0.0), (2.0, 1.0)))
     policy = PlanningPolicy(
-        objective=Objective.MAKESPAN, method="greedy", seed=7, deadline_s=0.3, reserve_share=0.25, tasks_max=12
+        objective=Objective.MAKESPAN,
+        method="greedy",
+        seed=7,
+        deadline_s=0.3,
+        reserve_share=0.25,
+        tasks_max=12,
+        zones=(lane,),
     )
     assert read_planning(write_planning(tmp_path / "planning.toml", policy)) == policy
     assert read_planning(write_planning(tmp_path / "usual.toml", PlanningPolicy())) == PlanningPolicy()

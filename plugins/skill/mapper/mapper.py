@@ -3,6 +3,7 @@
 import logging
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import msgspec
@@ -13,6 +14,7 @@ from robrain.agent.event import Event
 from robrain.agent.plugin import Skill, external
 from robrain.algorithms.mapping.local_map import LocalPose, OwnMap
 from robrain.algorithms.mapping.zone_grid import ZoneGrid
+from robrain.algorithms.navigation.reservations import ReservedArea, reserved_areas
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.algorithms.slam.map_patch import map_stamp_ms
 from robrain.algorithms.slam.robots_in_scan import robot_circles, sees_through, wall_ends
@@ -52,6 +54,8 @@ class MapCells(msgspec.Struct, frozen=True, eq=False):
     """The zones that the robot has to obey; None if there are none."""
     seen: NDArray[np.int8] | None = None
     """The classes without zones; None if there are no zones."""
+    areas: Sequence[ReservedArea] = ()
+    """Zones and doors that the robot reserves before it drives there."""
 
     def is_unexplored(self, place: Point2D) -> bool:
         """Whether a place, arena frame, lies within the map's borders and has not been seen."""
@@ -111,6 +115,7 @@ class AtlasSkill(Skill):
     _atlas: SubmapAtlas
     _view: MapCells | None = None
     _zones: ZoneGrid | None = None
+    _areas: Sequence[ReservedArea] = ()
     _zone_changes = 0
 
     def activate(self) -> None:
@@ -127,6 +132,7 @@ class AtlasSkill(Skill):
         if zones != self._zone_list:
             self._zone_list = zones
             self._zones = ZoneGrid(zones, self._atlas.grid.geometry) if zones else None
+            self._areas = reserved_areas(zones)
             self._zone_changes += 1
 
     def view(self) -> MapCells:
@@ -138,7 +144,7 @@ class AtlasSkill(Skill):
             if zones is None:
                 self._view = MapCells(version, grid.geometry, seen)
             else:
-                self._view = MapCells(version, grid.geometry, zones.close(seen), zones, seen)
+                self._view = MapCells(version, grid.geometry, zones.close(seen), zones, seen, self._areas)
         return self._view
 
     @external

@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from robrain.protocol.messages.message import COVARIANCE_LENGTHS, Covariance, Message, Result, SharedMessage
 from robrain.protocol.messages.robots.witness_messages import Led
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.claim import Claim, Reservation
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.map_frame import ARENA, MapFrame
@@ -71,7 +71,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     remaining_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
     reason: OfferRefusal | None = None
-    """Of a task that was held and then refused: the reason that `why` puts in words; None if there are only words."""
+    """The reason that `why` puts in words, of a task that was held and then refused, or that a door prevents. None if
+    there are only words."""
 
 
 class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,6 +95,10 @@ class PluginFault(msgspec.Struct, frozen=True, kw_only=True):
 Faults = Annotated[list[PluginFault], Meta(max_length=1000)]
 
 
+RESERVATIONS_MAX = 256
+"""Further requests for zones are not reported, so they are not granted either."""
+
+
 class RobotState(Message, frozen=True, kw_only=True):
     """A robot in one message: 10 Hz, only the latest counts."""
 
@@ -112,6 +117,12 @@ class RobotState(Message, frozen=True, kw_only=True):
     behavior: Name = ""
     waits_for: Name = ""
     """The robot for which it waits; empty if none."""
+    waits_at: Name | msgspec.UnsetType = msgspec.UNSET
+    """The zone or door before which it waits; absent if none."""
+    reservations: Annotated[tuple[Reservation, ...], Meta(max_length=RESERVATIONS_MAX)] | msgspec.UnsetType = (
+        msgspec.UNSET
+    )
+    """Its requests for zones, and the latest ones of the robots that it receives; absent if it does not obey zones."""
     task: TaskStatus | None = None
     next_task: TaskStatus | None = None
     """A task that it holds and begins in the step in which `task` ends; `offered` until then."""
@@ -149,6 +160,12 @@ class RobotState(Message, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if len(self.pose_covariance) not in COVARIANCE_LENGTHS:
             raise ValueError(f"expected no pose_covariance or 9 numbers of it, got {len(self.pose_covariance)}")
+
+    @property
+    def wait_words(self) -> str:
+        """For whom and where it waits, such as `waits for r2 at gate`; empty if it does not."""
+        words = (f" for {self.waits_for}" if self.waits_for else "") + (f" at {self.waits_at}" if self.waits_at else "")
+        return f"waits{words}" if words else ""
 
     @property
     def has_stopped(self) -> bool:

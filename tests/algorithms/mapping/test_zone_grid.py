@@ -98,3 +98,15 @@ def test_the_zones_that_separate_a_place_from_all_robots_are_named():
     assert separates(bar("a", 3.0, 4.0), bar("b", 6.0, 7.0)) == ["a", "b"]
     assert separates(bar("a", 3.0, 4.0), robot=(8.0, 1.0)) == []
     assert separates(bar("a", 3.0, 4.0), robot=(3.5, 1.0)) == []
+
+
+def test_a_door_is_free_where_its_leaf_was_seen_and_closed_while_it_does_not_open():
+    door = Zone(name="gate", kind=ZoneKind.DOOR, corners_m=SQUARE)
+    shut = Zone(name="gate", kind=ZoneKind.DOOR, corners_m=SQUARE, is_shut=True)
+    inside = cells_in(door, GEOMETRY)
+    seen = np.full(GEOMETRY.shape, OCCUPIED, np.int8)
+    assert (ZoneGrid([door], GEOMETRY).close(seen)[inside] == FREE).all()
+    assert (ZoneGrid([door], GEOMETRY).close(seen)[~inside] == OCCUPIED).all()
+    assert (ZoneGrid([shut], GEOMETRY).close(np.zeros_like(seen))[inside] == OCCUPIED).all()
+    with pytest.raises(ValueError, match="expected is_shut with kind = 'door' alone"):
+        Zone(name="gate", kind=ZoneKind.RESERVED, corners_m=SQUARE, is_shut=True)

@@ -10,6 +10,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
+from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition, DoorState
 from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, COORDINATOR_ZONES_CHANGE, ZoneChange, Zones
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
@@ -111,3 +112,23 @@ def test_a_place_in_or_behind_a_keep_out_zone_is_refused_with_its_name(team):
     team.ask(TASK_SUBMIT, task(8.0, 5.0))
     change(team, remove=["middle", "corner"])
     team.ask(TASK_SUBMIT, task(5.0, 5.2))
+
+
+def test_a_door_that_has_failed_or_is_silent_is_shut_until_it_reports_again(team):
+    team.begin(None, PlanningPolicy(zones=(table(box("gate", 3.0, 3.0, 4.0, 4.0, ZoneKind.DOOR)),)))
+    doors = team.asker.publisher(DOOR_STATE, door="gate")
+
+    def is_shut(seconds, position=None):
+        for _ in range(round(seconds)):
+            if position is not None:
+                doors.put(DoorState(door="gate", position=position))
+            team.run(1.0)
+        [zone] = change(team)
+        return zone.is_shut
+
+    assert not is_shut(9.0)
+    assert is_shut(2.0)
+    assert not is_shut(1.0, DoorPosition.CLOSED)
+    assert is_shut(1.0, DoorPosition.FAILED)
+    assert not is_shut(20.0, DoorPosition.OPEN)
+    assert is_shut(12.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robrain.plugins.behavior.travel import SPEED_M_S, TASK_PATIENCE_S, LostSearch
+from robrain.plugins.behavior.lost_search import SPEED_M_S, TASK_PATIENCE_S, LostSearch
 from robrain.plugins.skill.mapper.frames import Frames
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH
 from robrain.protocol.model.geometry import Point2D

@@ -86,6 +86,8 @@ def _may_speak(row: WireKey) -> set[MemberRole]:
         return ORDERS[row.name]
     if row.name in ("arena_can", "arena_radio_tx", "arena_serial_tx"):
         return {A, ROB}
+    if row.name == "door_state":
+        return {OP, A}
     if row.name == "replay_control":
         return {OP}
     return {"robot": {ROB}, "coordinator": {C}, "operator": {REC}, "arena": {A}}[row.by]

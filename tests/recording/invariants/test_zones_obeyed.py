@@ -88,3 +88,17 @@ def test_a_robot_may_exceed_a_limit_by_five_per_cent(script):
     assert script.found(Invariant.ZONES) == []
     drive(script, 0.2, 0.22)
     assert script.codes(Invariant.ZONES) == ["too_fast"]
+
+
+def test_a_robot_that_enters_an_occupied_reserved_zone_is_found(script):
+    script.truths["r2"] = {"at": (5.0, 5.0)}
+    script.send(Zones(zones=[Zone(name="lane", kind=ZoneKind.RESERVED, corners_m=SQUARE)]))
+    script.pass_time(5.0)
+    script.truths["r2"]["at"] = (1.0, 5.0)
+    script.pass_time(1.0)
+    script.truths["r1"]["at"] = (5.0, 5.0)
+    script.pass_time(1.0)
+    assert script.ruling(Invariant.ZONES).state is InvariantState.KEPT
+    script.truths["r2"]["at"] = (5.5, 5.0)
+    script.pass_time(1.0)
+    assert script.found(Invariant.ZONES) == [{"code": "not_alone", "robot": "r2", "zone": "lane", "other": "r1"}]

@@ -1,0 +1,99 @@
+"""`robrain door`: operate a door that robots request, by Modbus TCP."""
+
+from collections.abc import Callable
+from contextlib import closing
+from typing import Annotated
+
+import typer
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from robrain.client.door_keeper import DoorKeeper, DoorUnavailable
+from robrain.deploy.command_line.command_group import CONNECT
+from robrain.deploy.command_line.options import ConnectOption, TeamOption
+from robrain.deploy.command_line.output import print_result
+from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.protocol.clock import steps
+from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.wire.hub import team_endpoints
+
+STEP_S = 0.1
+ANSWER_S = 1.0
+"""Time limit of the controller's answer."""
+ADDRESS_MAX = 65_535
+door_app = typer.Typer(rich_help_panel=CONNECT, rich_markup_mode=None)
+
+
+class ModbusDoor:
+    """A door behind a Modbus TCP controller; see `DoorDriver`.
+
+    Args:
+        host: of the controller.
+        port: of the controller.
+        coil: address of the coil that orders the door to open while it is on.
+        input_: address of the discrete input that is on while a robot can pass.
+        unit: number of the device behind the controller.
+
+    """
+
+    def __init__(self, host: str, port: int, *, coil: int, input_: int, unit: int = 1) -> None:
+        self._client = ModbusTcpClient(host, port=port, timeout=ANSWER_S, retries=0)
+        self._coil, self._input, self._unit = coil, input_, unit
+
+    def open(self) -> None:
+        """Switch the coil on."""
+        self._request(lambda: self._client.write_coil(self._coil, True, device_id=self._unit))
+
+    def close(self) -> None:
+        """Switch the coil off."""
+        self._request(lambda: self._client.write_coil(self._coil, False, device_id=self._unit))
+
+    def state(self) -> bool:
+        """Read the input."""
+        read = self._client.read_discrete_inputs
+        return bool(self._request(lambda: read(self._input, count=1, device_id=self._unit)).bits[0])
+
+    def disconnect(self) -> None:
+        """Close the connection; the coil keeps its state."""
+        self._client.close()  # type: ignore[no-untyped-call]
+
+    def _request(self, ask: Callable[[], ModbusPDU]) -> ModbusPDU:
+        if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
+            raise DoorUnavailable("the controller cannot be reached")
+        try:
+            answer = ask()
+        except ModbusException as error:
+            raise DoorUnavailable(f"the controller does not answer: {error}") from error
+        if answer.isError():
+            raise DoorUnavailable(f"the controller refuses: {answer}")
+        return answer
+
+
+@door_app.command()
+def door(
+    name: Annotated[str, typer.Argument(help="Name of the door's zone.")],
+    host: Annotated[str, typer.Argument(help="Host of the Modbus TCP controller.")],
+    port: Annotated[int, typer.Option(help="Its port.", min=1, max=ADDRESS_MAX)] = 502,
+    coil: Annotated[int, typer.Option(help="Coil that orders it to open.", min=0, max=ADDRESS_MAX)] = 0,
+    input_: Annotated[int, typer.Option("--input", help="Input that is on while open.", min=0, max=ADDRESS_MAX)] = 0,
+    unit: Annotated[int, typer.Option(help="Device behind the controller.", min=0, max=255)] = 1,
+    opening_s: Annotated[float, typer.Option(help="Seconds that it usually takes to open.", min=0.0)] = 5.0,
+    timeout_s: Annotated[float, typer.Option(help="Seconds after which it has failed.", min=1.0)] = 20.0,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Open a door while robots request it, until Ctrl-C; wait until the team's endpoint answers."""
+    should_stop = LiveStop()
+    session = open_when_there("door", team_endpoints(connect), should_stop)
+    if session is None:
+        return
+    driver = ModbusDoor(host, port, coil=coil, input_=input_, unit=unit)
+    with closing(session), live_endpoint(session, check_name("team", team)) as wire:
+        keeper = DoorKeeper(check_name("door", name), driver, wire, opening_s=opening_s, timeout_s=timeout_s)
+        print_result(f"door: {name} of team {team} at {host}:{port}")
+        try:
+            for _ in steps(should_stop, STEP_S):
+                keeper.step()
+        finally:
+            driver.disconnect()
