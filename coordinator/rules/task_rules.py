@@ -14,7 +14,7 @@ from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
-from robrain.coordinator.rules.schedule import Occurrences
+from robrain.protocol.model.recurrence import Occurrences
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns

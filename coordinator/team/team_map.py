@@ -44,7 +44,7 @@ class TeamMap:
             from robrain.algorithms.mapping.zone_grid import ZoneGrid
 
             if self._zone_grid is None:
-                self._zone_grid = ZoneGrid(self._zones, seen.geometry)
+                self._zone_grid = ZoneGrid([zone for zone in self._zones if not zone.robots], seen.geometry)
             self._zoned = OccupancyGrid(seen.geometry)
             self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds)
             self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
@@ -52,12 +52,12 @@ class TeamMap:
 
     @property
     def zones(self) -> tuple[Zone, ...]:
-        """The zones that bind all robots."""
+        """The zones that hold now."""
         return self._zones
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""
-        self._zones = tuple(zone for zone in zones if not zone.robots)
+        self._zones = tuple(zones)
         self._zone_grid = None
         self._zone_changes += 1
 

@@ -97,38 +97,49 @@ class ZoneLayer(MeshLayer):
 
     def _draw(self, view: ShownTeam, now_s: float) -> None:
         super()._draw(view, now_s)
+        zones = zones_of(view)
         self._labels.show(
             {
-                zone.name: (
-                    zone.name if zone.kind is ZoneKind.PLACE else f"{zone.name}: {zone.rule}",
-                    (zone.centre.x_m, zone.centre.y_m, 0.0),
-                )
-                for zone in _zones_of(view)[:ZONE_LABELS]
+                zone.name: (_zone_label(zone, zones), (zone.centre.x_m, zone.centre.y_m, 0.0))
+                for zone in zones.all[:ZONE_LABELS]
             }
         )
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
-        return by_color((ZONE_COLORS[zone.kind], strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
+        zones = zones_of(view)
+        borders = [(ZONE_COLORS[zone.kind], zone) for zone in zones.zones]
+        borders += [(palette.TASK_WAITING, zone) for zone in zones.off]
+        return by_color((color, strips(border(zone), ZONE_BORDER_M)) for color, zone in borders)
+
+
+def _zone_label(zone: Zone, zones: Zones) -> str:
+    rule = "" if zone.kind is ZoneKind.PLACE else zone.rule
+    words = ", ".join(filter(None, (rule, zones.turn_text(zone))))
+    return f"{zone.name}: {words}" if words else zone.name
 
 
 ZONE_COLORS = {
     ZoneKind.KEEP_OUT: palette.BAD,
     ZoneKind.SPEED_LIMIT: palette.WARNING,
     ZoneKind.PENALTY: palette.CHARGER,
+    ZoneKind.ONE_WAY: palette.CHARGER,
+    ZoneKind.NO_STOPPING: palette.WARNING,
     ZoneKind.PLACE: palette.ROUTE,
 }
 ZONE_BORDER_M, ZONE_Z_M = 0.1, 0.02
 ZONE_LABELS = 50
+NO_ZONES = Zones(zones=[])
 
 
 def border(zone: Zone) -> Rows:
     """The sides of a zone, float32 (N, 2, 3), metres."""
-    corners = rows([(x_m, y_m, ZONE_Z_M) for x_m, y_m in zone.corners_m])
-    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    sides = zone.sides or ((zone.corners_m[0], zone.corners_m[-1]),)
+    return rows([(x_m, y_m, ZONE_Z_M) for side in sides for x_m, y_m in side]).reshape(-1, 2, 3)
 
 
-def _zones_of(view: ShownTeam) -> list[Zone]:
-    return next((message.zones for message in view.others.values() if isinstance(message, Zones)), [])
+def zones_of(view: ShownTeam) -> Zones:
+    """The team's zones, as they were last published."""
+    return next((message for message in view.others.values() if isinstance(message, Zones)), NO_ZONES)
 
 
 class FrontierLayer(MeshLayer):

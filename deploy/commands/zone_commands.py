@@ -23,10 +23,11 @@ zone_app = typer.Typer(
 
 @zone_app.command("list")
 def list_zones(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """List the team's zones."""
+    """List the team's zones, and when those with times begin or end next."""
     with connect_team(connect, team) as client:
-        zones = client.zones()
-    print_either(zones, [_text_of(zone) for zone in zones] or ["the team has no zones"], as_json=as_json)
+        zones = client.zone_times()
+    lines = [", ".join(filter(None, (_text_of(zone), zones.turn_text(zone)))) for zone in zones.all]
+    print_either(zones.all, lines or ["the team has no zones"], as_json=as_json)
 
 
 @zone_app.command()

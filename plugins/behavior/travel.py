@@ -7,7 +7,7 @@ import numpy as np
 
 from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
-from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release
+from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release, sample_path
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
 from robrain.plugins.skill.localisation import LocalisationInterface
@@ -194,7 +194,9 @@ class Travel:
         self._planner = env.use("planner", PlannerInterface)
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
-        self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view)
+        self._outlet = Outlet(
+            env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view, env.board
+        )
 
     @property
     def teammate_near_m(self) -> float:
@@ -255,6 +257,22 @@ class Travel:
             if path is not None:
                 return path
         return None
+
+    def delay_s(self, pace_m_s: float, path: list[Point2D] | None = None) -> float:
+        """Time that speed limits add to a path from here, by default the one that the robot drives."""
+        zones, place, leg = self.view().zones, self.place(), self._leg
+        if zones is None or (path is None and leg is None):
+            return 0.0
+        if path is not None:
+            ahead = sample_path(np.array([(point.x_m, point.y_m) for point in (place, *path)]), LONGEST_M)
+        elif leg is not None:
+            ahead = leg.path.ahead(place.x_m, place.y_m, LONGEST_M)
+        return zones.delay_s(ahead, STEP_M, pace_m_s)
+
+    def may_stay(self, place: Point2D) -> bool:
+        """Whether no zone forbids the robot to stay at a place."""
+        zones = self.view().zones
+        return zones is None or not zones.forbids_rest(place)
 
     def standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
         """The nearest place from which the robot can see a place; None if walls hide it from there."""
@@ -337,7 +355,7 @@ class Travel:
                 return True
             self.stop()
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        out = self._planner.leave_zone(self.view(), self.place()) if is_due else []
+        out = self._planner.leave_zone(self.view(), self.place(), to_rest=True) if is_due else []
         if out:
             self._checked_ns = now_ns
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
@@ -523,7 +541,10 @@ class Travel:
                 self._lost_ns = now_ns  # the view from nearer may differ
         # Small steps keep the driver from cutting corners; one that squeezes does not cut them.
         creeps = now_ns < self._creep_until_ns and not leg.is_narrow
-        return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
+        allowed, zones = _at_most(allowed, CREEP_POSITIONS) if creeps else allowed, self.view().zones
+        if zones is not None and not allowed.is_whole:
+            allowed = _at_most(allowed, zones.waits_at(ahead[: allowed.positions]))
+        return allowed
 
     def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
         """Take another path if it is at most `detour_m` longer and others hold the robot up clearly less on it."""

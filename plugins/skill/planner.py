@@ -8,6 +8,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.agent.plugin import Skill
+from robrain.algorithms.mapping.zone_grid import ZoneGrid
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath
 from robrain.algorithms.navigation.path_planning import distance_field, standpoint
@@ -58,8 +59,11 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
 
-    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
-        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
+    def leave_zone(self, view: MapCells, start: Point2D, *, to_rest: bool = False) -> list[Point2D]:
+        """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it.
+
+        With `to_rest` also out of no-stopping zones.
+        """
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
@@ -115,16 +119,18 @@ class Planner(Skill):
         path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
         return None if path is None else out + path
 
-    def leave_zone(self, view: MapCells, start: Point2D) -> list[Point2D]:
+    def leave_zone(self, view: MapCells, start: Point2D, *, to_rest: bool = False) -> list[Point2D]:
         """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
-        if view.zones is None or view.seen is None or not view.zones.shuts(start):
+        zones, snap_m = view.zones, self.parameters.snap_m
+        if zones is None or view.seen is None or not (zones.forbids_rest(start) if to_rest else zones.shuts(start)):
             return []
-        seen, snap_m = self._make(view, view.seen, is_narrow=True), self.parameters.snap_m
+        seen = self._make(view, view.seen if zones.shuts(start) else view.classes, is_narrow=True)
         begin = seen.snap(start, snap_m)
         if begin is None:
             return []
         costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
-        costs = np.where(self._navigation(view).traversable, costs, np.inf)
+        is_out = self._navigation(view).traversable
+        costs = np.where(is_out & ~zones.no_stopping if to_rest else is_out, costs, np.inf)
         row, column = divmod(int(costs.argmin()), costs.shape[1])
         if not np.isfinite(costs[row, column]):
             return []
@@ -146,7 +152,17 @@ class Planner(Skill):
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
-        cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m, is_late=is_late)
+        no_stopping = None if view.zones is None else view.zones.no_stopping
+        cells = escape_cells(
+            grid.traversable,
+            grid.geometry,
+            cell,
+            speed_m_s,
+            tracks,
+            apart_m,
+            is_late=is_late,
+            no_stopping=no_stopping,
+        )
         return None if cells is None else grid.waypoints(cells)
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
@@ -170,18 +186,18 @@ class Planner(Skill):
 
     def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
         grid, version = self._grids.get(is_narrow, (None, 0))
-        surcharge = None if view.zones is None else view.zones.surcharge
-        if grid is None or grid.geometry != view.geometry or grid.surcharge is not surcharge:
-            grid = self._make(view, view.classes, is_narrow=is_narrow)
+        if grid is None or grid.geometry != view.geometry or grid.zones is not view.zones:
+            grid = self._make(view, view.classes, is_narrow=is_narrow, zones=view.zones)
         elif version != view.version:
             grid.update(view.classes)
         self._grids[is_narrow] = grid, view.version
         return grid
 
-    def _make(self, view: MapCells, classes: NDArray[np.int8], *, is_narrow: bool) -> NavigationGrid:
+    def _make(
+        self, view: MapCells, classes: NDArray[np.int8], *, is_narrow: bool, zones: ZoneGrid | None = None
+    ) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
         preferred_m = self._radius_m + self.parameters.margin_m
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
         needed_m = least_m if is_narrow else preferred_m
-        surcharge = None if view.zones is None else view.zones.surcharge
-        return NavigationGrid(classes, view.geometry, needed_m, unknown_cost, preferred_m, surcharge)
+        return NavigationGrid(classes, view.geometry, needed_m, unknown_cost, preferred_m, zones)
