@@ -5,16 +5,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
+from scipy.ndimage import binary_dilation, minimum_filter
 
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.protocol.model.zone import Zone, ZoneKind
 
-
 LIMIT_AHEAD_M = 1.0
 """A speed limit is obeyed from this far before its zone (chosen): at 0.6 m/s a robot brakes within 0.6 m."""
+BESIDE_M = 0.2
+"""A robot rests this far from a no-stopping zone, and drives this far from one-way zones against them (chosen): it cuts
+corners, and stops somewhat beside its goal."""
 
 
 class ZoneGrid:
@@ -34,11 +36,14 @@ class ZoneGrid:
         self.surcharge = np.zeros(geometry.shape, np.float32)
         """Extra cost of a metre."""
         self.one_ways: list[tuple[NDArray[np.bool_], float]] = []
-        """Masks and directions (radians, arena frame) of one-way zones."""
+        """Masks of one-way zones and the cells within `BESIDE_M`, with their directions, radians, arena frame."""
         self.no_stopping = np.zeros(geometry.shape, np.bool_)
         """Mask of the cells in no-stopping zones."""
+        self.no_rest = self.no_stopping
+        """The same with all cells within `BESIDE_M`."""
         self.limit_m_s = np.full(geometry.shape, np.inf)
         """Speed limits; inf where there is none."""
+        beside = max(1, round(BESIDE_M / geometry.resolution_m))
         for zone in zones:
             if zone.kind is ZoneKind.PLACE:
                 continue
@@ -48,9 +53,12 @@ class ZoneGrid:
             elif zone.kind is ZoneKind.NO_STOPPING:
                 self.no_stopping |= inside
             elif zone.direction_rad is not None:
-                self.one_ways.append((inside, zone.direction_rad))
+                self.one_ways.append((binary_dilation(inside, iterations=beside), zone.direction_rad))
             self.surcharge[inside] += np.float32(zone.cost_m or 0.0)
             self.limit_m_s[inside] = np.minimum(self.limit_m_s[inside], zone.speed_m_s or np.inf)
+
+        if self.no_stopping.any():
+            self.no_rest = binary_dilation(self.no_stopping, iterations=beside)
 
     def close(self, classes: NDArray[np.int8]) -> NDArray[np.int8]:
         """Classes of a map, (H, W), with keep-out zones as occupied cells."""
@@ -89,7 +97,7 @@ class ZoneGrid:
 
         All if there is no other place to wait before.
         """
-        outside = np.flatnonzero(~self._at(self.no_stopping, positions))
+        outside = np.flatnonzero(~self._at(self.no_rest, positions))
         return 1 + int(outside[-1]) if len(outside) else len(positions)
 
     def _at(self, cells: NDArray[Any], positions: Floats) -> NDArray[Any]:

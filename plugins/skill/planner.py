@@ -130,7 +130,7 @@ class Planner(Skill):
             return []
         costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
         is_out = self._navigation(view).traversable
-        costs = np.where(is_out & ~zones.no_stopping if to_rest else is_out, costs, np.inf)
+        costs = np.where(is_out & ~zones.no_rest if to_rest else is_out, costs, np.inf)
         row, column = divmod(int(costs.argmin()), costs.shape[1])
         if not np.isfinite(costs[row, column]):
             return []
@@ -152,7 +152,7 @@ class Planner(Skill):
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
-        no_stopping = None if view.zones is None else view.zones.no_stopping
+        no_stopping = None if view.zones is None else view.zones.no_rest
         cells = escape_cells(
             grid.traversable,
             grid.geometry,

@@ -138,7 +138,7 @@ AREA_MIN_M2 = 1e-4
 def _sides(corners_m: tuple[Corner, ...]) -> tuple[tuple[Corner, Corner], ...]:
     ends = zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True)
     sides = Counter((one, other) if (one[1], one[0]) <= (other[1], other[0]) else (other, one) for one, other in ends)
-    return tuple(side for side, count in sides.items() if count % 2)
+    return tuple(side for side, count in sides.items() if count % 2 and side[0] != side[1])
 
 
 def check_zones(zones: Sequence[Zone]) -> None:
