@@ -49,6 +49,32 @@ def put(
 
 
 @zone_app.command()
+def mask(
+    name: Annotated[str, typer.Argument(help="Name of the zone.")],
+    file: Annotated[Path, typer.Argument(help="YAML file of a mask of Nav2's costmap filters.")],
+    speed: Annotated[
+        tuple[float, float] | None, typer.Option(help="BASE MULTIPLIER of a speed mask. Default: a keep-out mask.")
+    ] = None,
+    fastest_m_s: Annotated[
+        float | None, typer.Option("--percent-of", min=1e-3, help="Its limits are per cent of this speed, m/s.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Add the zones of a Nav2 mask; they replace zones with the same names."""
+    from robrain.sim.maps.zone_masks import SpeedScale, zones_of_mask
+
+    try:
+        zones = zones_of_mask(file, name, None if speed is None else SpeedScale(*speed, fastest_m_s))
+    except ValueError as error:
+        raise UsageError(f"FILE {file}: {error}") from error
+    with connect_team(connect, team) as client:
+        known = client.change_zones(*zones)
+    print_either(known, [_text_of(zone) for zone in known], as_json=as_json)
+
+
+@zone_app.command()
 def remove(
     names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of zones.")],
     connect: ConnectOption = None,

@@ -180,7 +180,7 @@ def test_idle_robots_leave_a_zone_without_stopping_and_others_pass_it(fidelity: 
 @pytest.mark.slow
 @pytest.mark.parametrize("fidelity", list(Fidelity))
 def test_estimates_know_a_speed_limit_on_the_path(fidelity: Fidelity) -> None:
-    """Without zones an estimate is too long by up to 20 %, as the team has done no tasks yet; the limit adds no error."""
+    """Without zones a first estimate is too long by up to 20 %, as the team has done no tasks yet."""
     limit = box("limit", 4.0, 0.0, 6.0, 6.0, ZoneKind.SPEED_LIMIT, speed_m_s=0.1)
     ends_s: list[tuple[float, float]] = []
     for zones in ((), (limit,)):
