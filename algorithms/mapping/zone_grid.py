@@ -57,6 +57,7 @@ class ZoneGrid:
             self.surcharge[inside] += np.float32(zone.cost_m or 0.0)
             self.limit_m_s[inside] = np.minimum(self.limit_m_s[inside], zone.speed_m_s or np.inf)
 
+        self._beside_shut = binary_dilation(self.is_shut)
         if self.no_stopping.any():
             self.no_rest = binary_dilation(self.no_stopping, iterations=beside)
 
@@ -64,9 +65,10 @@ class ZoneGrid:
         """Classes of a map, (H, W), with keep-out zones as occupied cells."""
         return np.where(self.is_shut, np.int8(OCCUPIED), classes)
 
-    def shuts(self, place: Point2D) -> bool:
-        """Whether a place is in a keep-out zone."""
-        return bool(self._at(self.is_shut, np.array([(place.x_m, place.y_m)])).any())
+    def shuts(self, place: Point2D, *, beside: bool = False) -> bool:
+        """Whether a place is in a keep-out zone, or in a cell beside one: its border may cross that cell."""
+        mask = self._beside_shut if beside else self.is_shut
+        return bool(self._at(mask, np.array([(place.x_m, place.y_m)])).any())
 
     def forbids_rest(self, place: Point2D) -> bool:
         """Whether a robot must not stay at a place."""

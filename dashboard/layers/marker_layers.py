@@ -97,7 +97,7 @@ class ZoneLayer(MeshLayer):
 
     def _draw(self, view: ShownTeam, now_s: float) -> None:
         super()._draw(view, now_s)
-        zones = zones_of(view)
+        zones = view.zones
         self._labels.show(
             {
                 zone.name: (_zone_label(zone, zones), (zone.centre.x_m, zone.centre.y_m, 0.0))
@@ -106,7 +106,7 @@ class ZoneLayer(MeshLayer):
         )
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
-        zones = zones_of(view)
+        zones = view.zones
         borders = [(ZONE_COLORS[zone.kind], zone) for zone in zones.zones]
         borders += [(palette.TASK_WAITING, zone) for zone in zones.off]
         return by_color((color, strips(border(zone), ZONE_BORDER_M)) for color, zone in borders)
@@ -128,18 +128,12 @@ ZONE_COLORS = {
 }
 ZONE_BORDER_M, ZONE_Z_M = 0.1, 0.02
 ZONE_LABELS = 50
-NO_ZONES = Zones(zones=[])
 
 
 def border(zone: Zone) -> Rows:
     """The sides of a zone, float32 (N, 2, 3), metres."""
     sides = zone.sides or ((zone.corners_m[0], zone.corners_m[-1]),)
     return rows([(x_m, y_m, ZONE_Z_M) for side in sides for x_m, y_m in side]).reshape(-1, 2, 3)
-
-
-def zones_of(view: ShownTeam) -> Zones:
-    """The team's zones, as they were last published."""
-    return next((message for message in view.others.values() if isinstance(message, Zones)), NO_ZONES)
 
 
 class FrontierLayer(MeshLayer):

@@ -350,12 +350,14 @@ class Travel:
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         encounter = self._meet(pose, IDLE)
         if leg is not None:
-            if leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
-                leg.drive(leg.guard(encounter, pose), IDLE)
+            allowed = leg.guard(encounter, pose)
+            if allowed.positions > 1 and leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
+                leg.drive(allowed, IDLE)
                 return True
-            self.stop()
+            self.stop()  # at the end, or another robot has come to stand on the path
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        out = self._planner.leave_zone(self.view(), self.place(), to_rest=True) if is_due else []
+        at_rest = circles(encounter.teammates, encounter.radius_m + self._parameters.teammate_margin_m, Doing.IDLE)
+        out = self._planner.leave_zone(self.view(), self.place(), at_rest, to_rest=True) if is_due else []
         if out:
             self._checked_ns = now_ns
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)

@@ -59,10 +59,12 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
 
-    def leave_zone(self, view: MapCells, start: Point2D, *, to_rest: bool = False) -> list[Point2D]:
+    def leave_zone(
+        self, view: MapCells, start: Point2D, avoid: Sequence[Circle] = (), *, to_rest: bool = False
+    ) -> list[Point2D]:
         """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it.
 
-        With `to_rest` also out of no-stopping zones.
+        The path avoids circles. With `to_rest` it also leaves no-stopping zones.
         """
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
@@ -119,22 +121,27 @@ class Planner(Skill):
         path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
         return None if path is None else out + path
 
-    def leave_zone(self, view: MapCells, start: Point2D, *, to_rest: bool = False) -> list[Point2D]:
+    def leave_zone(
+        self, view: MapCells, start: Point2D, avoid: Sequence[Circle] = (), *, to_rest: bool = False
+    ) -> list[Point2D]:
         """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it."""
         zones, snap_m = view.zones, self.parameters.snap_m
-        if zones is None or view.seen is None or not (zones.forbids_rest(start) if to_rest else zones.shuts(start)):
+        if zones is None or view.seen is None:
             return []
-        seen = self._make(view, view.seen if zones.shuts(start) else view.classes, is_narrow=True)
+        is_shut = zones.shuts(start, beside=to_rest)
+        if not is_shut and not (to_rest and zones.forbids_rest(start)):
+            return []
+        seen = self._make(view, view.seen if is_shut else view.classes, is_narrow=True)
         begin = seen.snap(start, snap_m)
         if begin is None:
             return []
-        costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
+        costs = distance_field(seen.without(avoid), seen.cost, np.array([begin], np.int64))
         is_out = self._navigation(view).traversable
         costs = np.where(is_out & ~zones.no_rest if to_rest else is_out, costs, np.inf)
         row, column = divmod(int(costs.argmin()), costs.shape[1])
         if not np.isfinite(costs[row, column]):
             return []
-        return seen.path(start, seen.geometry.center_of(row, column), snap_m=snap_m) or []
+        return seen.path(start, seen.geometry.center_of(row, column), snap_m=snap_m, avoid=avoid) or []
 
     def escape(
         self,

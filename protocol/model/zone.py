@@ -10,7 +10,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.ranges import Length, Metres, Name, Pace, PositiveDuration, Radians
 from robrain.protocol.model.recurrence import Recurrence
 
@@ -139,6 +139,37 @@ def _sides(corners_m: tuple[Corner, ...]) -> tuple[tuple[Corner, Corner], ...]:
     ends = zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True)
     sides = Counter((one, other) if (one[1], one[0]) <= (other[1], other[0]) else (other, one) for one, other in ends)
     return tuple(side for side, count in sides.items() if count % 2 and side[0] != side[1])
+
+
+SPEED_SLACK = 1.05
+"""A robot may be faster than a limit by this factor."""
+HAND_AHEAD_M = 0.5
+"""Whoever drives a robot by hand is warned this far before a zone (chosen: two seconds at the usual speed)."""
+
+
+def hand_warning(zones: Sequence[Zone], robot: str, pose: Pose2D, velocity: Twist2D) -> str:
+    """Which zone a robot breaks that a person drives, in words; empty if none.
+
+    Args:
+        zones: those that hold.
+        robot: its name.
+        pose: T_arena_robot.
+        velocity: of its body, body frame.
+
+    """
+    speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
+    heading_rad = pose.yaw_rad + math.atan2(velocity.left_m_s, velocity.forward_m_s)
+    ahead_m = min(HAND_AHEAD_M, 2.0 * speed_m_s)
+    here = Point2D(pose.x_m, pose.y_m)
+    ahead = Point2D(pose.x_m + ahead_m * math.cos(heading_rad), pose.y_m + ahead_m * math.sin(heading_rad))
+    for zone in zones:
+        if not zone.binds(robot) or not (zone.holds(here) or zone.holds(ahead)):
+            continue
+        is_against = zone.direction_rad is not None and math.cos(heading_rad - zone.direction_rad) < -1e-6
+        is_fast = speed_m_s > SPEED_SLACK * (zone.speed_m_s or math.inf)
+        if zone.kind is ZoneKind.KEEP_OUT or is_fast or (is_against and speed_m_s > 0.0):
+            return f"{robot} at {speed_m_s:.2f} m/s breaks the zone {zone.name}: {zone.rule}"
+    return ""
 
 
 def check_zones(zones: Sequence[Zone]) -> None:
