@@ -15,8 +15,8 @@ from robrain.protocol.model.zone import Zone, ZoneKind
 LIMIT_AHEAD_M = 1.0
 """A speed limit is obeyed from this far before its zone (chosen): at 0.6 m/s a robot brakes within 0.6 m."""
 BESIDE_M = 0.2
-"""A robot rests this far from a no-stopping zone, and drives this far from one-way zones against them (chosen): it cuts
-corners, and stops somewhat beside its goal."""
+"""Distance (chosen) from no-stopping zones at rest, and from one-way zones against their direction. Robots cut corners,
+and stop somewhat beside their goals."""
 
 
 class ZoneGrid:
@@ -35,7 +35,7 @@ class ZoneGrid:
         """Mask of the cells in keep-out zones."""
         self.surcharge = np.zeros(geometry.shape, np.float32)
         """Extra cost of a metre."""
-        self.one_ways: list[tuple[NDArray[np.bool_], float]] = []
+        self.directed: list[tuple[NDArray[np.bool_], float]] = []
         """Masks of one-way zones and the cells within `BESIDE_M`, with their directions, radians, arena frame."""
         self.no_stopping = np.zeros(geometry.shape, np.bool_)
         """Mask of the cells in no-stopping zones."""
@@ -53,7 +53,7 @@ class ZoneGrid:
             elif zone.kind is ZoneKind.NO_STOPPING:
                 self.no_stopping |= inside
             elif zone.direction_rad is not None:
-                self.one_ways.append((binary_dilation(inside, iterations=beside), zone.direction_rad))
+                self.directed.append((binary_dilation(inside, iterations=beside), zone.direction_rad))
             self.surcharge[inside] += np.float32(zone.cost_m or 0.0)
             self.limit_m_s[inside] = np.minimum(self.limit_m_s[inside], zone.speed_m_s or np.inf)
 
@@ -90,7 +90,7 @@ class ZoneGrid:
     def felt_limit_m_s(self) -> Floats:
         """Speed limits (H, W) as they slow a robot down from half of `LIMIT_AHEAD_M` before a zone to as far behind.
 
-        That is as long as from the whole of it before, and the same in both directions.
+        A robot drives that length at the limit. This form of it is the same in both directions.
         """
         return minimum_filter(self.limit_m_s, 1 + 2 * round(0.5 * LIMIT_AHEAD_M / self._geometry.resolution_m))
 

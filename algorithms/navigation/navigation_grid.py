@@ -161,8 +161,8 @@ class NavigationGrid:
     ) -> None:
         self.geometry = geometry
         self.zones = zones
-        one_ways = [] if zones is None else zones.one_ways
-        self._shut_steps = steps_against(one_ways, classes.shape) if one_ways else None
+        directed = [] if zones is None else zones.directed
+        self._shut_steps = steps_against(directed, classes.shape) if directed else None
         self.needed_m = needed_m
         self.preferred_m = needed_m if preferred_m is None else max(needed_m, preferred_m)
         self.unknown_cost = unknown_cost

@@ -192,16 +192,16 @@ def plan_path(
     return _trace_back(parent, goal_index, width)
 
 
-def steps_against(one_ways: Sequence[tuple[NDArray[np.bool_], float]], shape: tuple[int, int]) -> NDArray[np.uint8]:
+def steps_against(directed: Sequence[tuple[NDArray[np.bool_], float]], shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Steps that lead against the direction of an area: bits of the eight neighbours, for each cell, (H, W).
 
     Args:
-        one_ways: mask (H, W) and direction, radians, of each area.
+        directed: mask (H, W) and direction, radians, of each area.
         shape: of the grid.
 
     """
     shut_steps = np.zeros(shape, np.uint8)
-    for mask, direction_rad in one_ways:
+    for mask, direction_rad in directed:
         along = np.array(_COLUMN_STEPS) * math.cos(direction_rad) + np.array(_ROW_STEPS) * math.sin(direction_rad)
         shut_steps[mask] |= np.uint8((1 << np.flatnonzero(along < -ALONG_MIN)).sum())
     return shut_steps

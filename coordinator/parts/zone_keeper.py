@@ -13,6 +13,7 @@ from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES_NOW,
     ZoneChange,
     Zones,
+    ZoneTurn,
 )
 from robrain.protocol.model.recurrence import Occurrences
 from robrain.protocol.model.zone import Zone, ZoneTimes, check_zones
@@ -65,7 +66,7 @@ class ZoneKeeper(CoordinatorPart):
         super().__init__(core)
         self._zones: dict[str, Zone] = {}
         self._timers: dict[str, ZoneTimer] = {}
-        self._turns: dict[str, int] = {}
+        self._turns: list[ZoneTurn] = []
         """When zones with times begin or end next."""
         self._off: set[str] = set()
         """Zones that do not hold now."""
@@ -90,7 +91,7 @@ class ZoneKeeper(CoordinatorPart):
     def decide(self, now_ns: int) -> None:
         """Begin and end zones by their times, and follow which robots have the plugins that zones name."""
         version = self.core.capabilities.version
-        if version != self._offers_version or any(now_ns >= turn_ns for turn_ns in self._turns.values()):
+        if version != self._offers_version or any(now_ns >= turn.at_ns for turn in self._turns):
             self._offers_version = version
             self._update(now_ns)
 
@@ -136,7 +137,7 @@ class ZoneKeeper(CoordinatorPart):
     def _update(self, now_ns: int) -> None:
         self._off = {name for name, timer in self._timers.items() if not timer.holds(now_ns)}
         turns = {name: timer.turn_ns(now_ns) for name, timer in self._timers.items()}
-        self._turns = {name: turn_ns for name, turn_ns in sorted(turns.items()) if turn_ns is not None}
+        self._turns = [ZoneTurn(name, turn_ns) for name, turn_ns in sorted(turns.items()) if turn_ns is not None]
         holding = [self._for_robots(self._zones[name]) for name in sorted(self._zones) if name not in self._off]
         if holding != self._holding:
             self._holding, self._due_ns = holding, 0

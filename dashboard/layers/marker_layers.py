@@ -122,7 +122,7 @@ ZONE_COLORS = {
     ZoneKind.KEEP_OUT: palette.BAD,
     ZoneKind.SPEED_LIMIT: palette.WARNING,
     ZoneKind.PENALTY: palette.CHARGER,
-    ZoneKind.ONE_WAY: palette.CHARGER,
+    ZoneKind.DIRECTED: palette.CHARGER,
     ZoneKind.NO_STOPPING: palette.WARNING,
     ZoneKind.PLACE: palette.ROUTE,
 }

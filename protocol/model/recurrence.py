@@ -18,7 +18,7 @@ BACK = timedelta(days=8)
 FREQUENCIES = (*STEPS, "DAILY", "WEEKLY", "MONTHLY", "YEARLY")
 
 
-class Recurrence(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Recurrence(Checked, frozen=True, kw_only=True):
     """Times that a rule of a calendar gives."""
 
     rrule: Text

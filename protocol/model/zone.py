@@ -30,7 +30,7 @@ class ZoneKind(StrEnum):
     """Robots drive at most at `speed_m_s`."""
     PENALTY = "penalty"
     """Paths avoid it: a metre there counts like `cost_m` metres more."""
-    ONE_WAY = "one_way"
+    DIRECTED = "one_way"
     """No robot drives there against `direction_rad`."""
     NO_STOPPING = "no_stopping"
     """Robots drive through, but do not wait or end there."""
@@ -41,15 +41,15 @@ class ZoneKind(StrEnum):
 FIELD_OF = {
     ZoneKind.SPEED_LIMIT: "speed_m_s",
     ZoneKind.PENALTY: "cost_m",
-    ZoneKind.ONE_WAY: "direction_rad",
+    ZoneKind.DIRECTED: "direction_rad",
 }
 """The field that a kind needs; no other kind has it."""
 NO_ENDING = {ZoneKind.KEEP_OUT: "keep-out", ZoneKind.NO_STOPPING: "no-stopping"}
 """Kinds of zones in which no task is done, in words."""
 
 
-class ZoneTimes(Recurrence, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[planning.zones.times]`: the times at which a zone holds."""
+class ZoneTimes(Recurrence, frozen=True, kw_only=True):
+    """The times at which a zone holds."""
 
     duration_s: PositiveDuration
     """How long it holds from each occurrence on."""
@@ -127,8 +127,14 @@ class Zone(Checked, frozen=True, kw_only=True):
         return not self.robots or robot in self.robots
 
 
+class ZoneTimesTable(ZoneTimes, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[planning.zones.times]`: the times at which a zone holds."""
+
+
 class ZoneTable(Zone, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[planning.zones]]`: a zone in a file."""
+
+    times: ZoneTimesTable | None = None
 
 
 AREA_MIN_M2 = 1e-4
@@ -144,7 +150,7 @@ def _sides(corners_m: tuple[Corner, ...]) -> tuple[tuple[Corner, Corner], ...]:
 SPEED_SLACK = 1.05
 """A robot may be faster than a limit by this factor."""
 HAND_AHEAD_M = 0.5
-"""Whoever drives a robot by hand is warned this far before a zone (chosen: two seconds at the usual speed)."""
+"""The warning comes this far before a zone (chosen: two seconds at the usual speed of driving by hand)."""
 
 
 def hand_warning(zones: Sequence[Zone], robot: str, pose: Pose2D, velocity: Twist2D) -> str:

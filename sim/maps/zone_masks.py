@@ -1,7 +1,8 @@
 """Zones from masks of Nav2's costmap filters, which are maps in the ROS map_server format.
 
-A keep-out mask forbids cells of 100 per cent; robots pass all others. Of a speed mask, a cell with v per cent has the
-limit base + multiplier · v, and one with 0 or less, or unknown, has none. Both as in Nav2's filters.
+A keep-out mask forbids cells of 100 per cent; robots pass all others. A cell of a speed mask
+with v per cent has the limit base + multiplier · v. Unknown cells and those of 0 per cent have none. Both are as in
+Nav2's filters.
 """
 
 import math
@@ -72,7 +73,7 @@ def _outline(mask: NDArray[np.bool_], settings: MapSettings) -> tuple[Corner, ..
     step = math.ceil(CELL_M / settings.resolution - 1e-6)
     padded = np.pad(mask, [(0, -size % step) for size in mask.shape])
     rows, columns = padded.shape[0] // step, padded.shape[1] // step
-    rings = _rings(padded.reshape(rows, step, columns, step).any(axis=(1, 3)))
+    rings = _rings(padded.reshape(rows, step, columns, step).max(axis=(1, 3)))
     chain = [vertex for ring in rings for vertex in (*ring, ring[0])] + [ring[0] for ring in rings[-2::-1]]
     pitch_m, (x_m, y_m, _) = step * settings.resolution, settings.origin
     return tuple((round(x_m + column * pitch_m, 6), round(y_m + row * pitch_m, 6)) for column, row in chain)

@@ -44,7 +44,7 @@ def _zone(rng: np.random.Generator, name: str, centre: Point2D, kind: ZoneKind) 
         ),
         speed_m_s=float(rng.choice(LIMITS_M_S)) if kind is ZoneKind.SPEED_LIMIT else None,
         cost_m=5.0 if kind is ZoneKind.PENALTY else None,
-        direction_rad=turn_rad if kind is ZoneKind.ONE_WAY else None,
+        direction_rad=turn_rad if kind is ZoneKind.DIRECTED else None,
     )
 
 
@@ -55,7 +55,7 @@ def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
 
 
 KINDS = (ZoneKind.KEEP_OUT, ZoneKind.SPEED_LIMIT, ZoneKind.PENALTY, ZoneKind.PLACE, ZoneKind.KEEP_OUT)
-LATER_KINDS = (ZoneKind.ONE_WAY, ZoneKind.NO_STOPPING)
+LATER_KINDS = (ZoneKind.DIRECTED, ZoneKind.NO_STOPPING)
 """From random numbers of their own, so that the other zones are those of earlier versions."""
 POLL_S, AGAINST_M, STANDS_M, STAYS_S = 0.5, 0.1, 0.01, 10.0
 

@@ -10,7 +10,7 @@ from robrain.protocol.model.zone import Zone, ZoneKind, hand_warning
 SQUARE = ((1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (1.0, 1.0))
 DOCK = Zone(name="dock", kind=ZoneKind.KEEP_OUT, corners_m=SQUARE)
 SLOW = Zone(name="slow", kind=ZoneKind.SPEED_LIMIT, corners_m=SQUARE, speed_m_s=0.2)
-EAST = Zone(name="east", kind=ZoneKind.ONE_WAY, corners_m=SQUARE, direction_rad=0.0)
+EAST = Zone(name="east", kind=ZoneKind.DIRECTED, corners_m=SQUARE, direction_rad=0.0)
 OTHER = Zone(name="other", kind=ZoneKind.KEEP_OUT, corners_m=SQUARE, robots=("r2",))
 BEFORE, INSIDE = Pose2D(0.7, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 AHEAD, BACK = Twist2D(forward_m_s=0.25), Twist2D(forward_m_s=-0.25)

@@ -17,6 +17,13 @@ from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 ZoneList = Annotated[list[Zone], Meta(max_length=ZONES_MAX)]
 
 
+class ZoneTurn(msgspec.Struct, frozen=True):
+    """A zone that begins or ends."""
+
+    zone: Name
+    at_ns: Stamp
+
+
 class Zones(Message, frozen=True, kw_only=True):
     """Zones of the team, by name: after a change, and every 2 s while there are any or were any."""
 
@@ -24,7 +31,7 @@ class Zones(Message, frozen=True, kw_only=True):
     """Those that hold now."""
     off: ZoneList = msgspec.field(default_factory=list)
     """Those that hold at other times."""
-    turns: dict[Name, Stamp] = msgspec.field(default_factory=dict)
+    turns: Annotated[list[ZoneTurn], Meta(max_length=ZONES_MAX)] = msgspec.field(default_factory=list)
     """When zones with times begin or end next."""
 
     @property
@@ -34,7 +41,7 @@ class Zones(Message, frozen=True, kw_only=True):
 
     def turn_text(self, zone: Zone) -> str:
         """When a zone begins or ends next, in words and local time; empty if it never does."""
-        turn_ns = self.turns.get(zone.name)
+        turn_ns = next((turn.at_ns for turn in self.turns if turn.zone == zone.name), None)
         if turn_ns is None:
             return "" if zone in self.zones else "holds no more"
         word = "until" if zone in self.zones else "from"

@@ -30,7 +30,7 @@ def slow(speed_m_s, corners_m=SQUARE):
     [
         ({"kind": ZoneKind.SPEED_LIMIT}, "zone z: expected speed_m_s with kind = 'speed_limit'"),
         ({"kind": ZoneKind.KEEP_OUT, "cost_m": 2.0}, "zone z: expected no cost_m"),
-        ({"kind": ZoneKind.ONE_WAY}, "zone z: expected direction_rad with kind = 'one_way'"),
+        ({"kind": ZoneKind.DIRECTED}, "zone z: expected direction_rad with kind = 'one_way'"),
         ({"kind": ZoneKind.KEEP_OUT, "corners_m": ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))}, "expected corners_m around"),
     ],
 )

@@ -11,7 +11,13 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
-from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, COORDINATOR_ZONES_CHANGE, ZoneChange, Zones
+from robrain.protocol.messages.team.zone_messages import (
+    COORDINATOR_ZONES,
+    COORDINATOR_ZONES_CHANGE,
+    ZoneChange,
+    Zones,
+    ZoneTurn,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind, ZoneTable, ZoneTimes
@@ -125,7 +131,7 @@ def published(team, inbox):
     *_, last = inbox.drain()
     zones = last.message
     assert all(zone.times is None for zone in zones.all)
-    turns_s = {name: turn_ns / 1e9 for name, turn_ns in zones.turns.items()}
+    turns_s = {turn.zone: turn.at_ns / 1e9 for turn in zones.turns}
     return [zone.name for zone in zones.zones], [zone.name for zone in zones.off], turns_s
 
 
@@ -157,7 +163,7 @@ def test_a_zone_that_began_before_the_coordinator_holds(team):
     once = ZoneTimes(rrule="FREQ=DAILY;COUNT=1", begins="1970-01-01T00:01:00", duration_s=20.0)
     team.begin(None, PlanningPolicy(zones=(table(msgspec.structs.replace(CORNER, times=once)),)))
     answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
-    assert ([zone.name for zone in answer.zones], answer.turns) == (["corner"], {"corner": to_ns(80.0)})
+    assert ([zone.name for zone in answer.zones], answer.turns) == (["corner"], [ZoneTurn("corner", to_ns(80.0))])
 
 
 def test_times_that_are_no_rule_are_refused():

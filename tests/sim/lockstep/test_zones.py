@@ -117,7 +117,7 @@ def test_a_task_names_a_place_and_the_robot_that_does_it():
             team.submit("visit", place="cellar")
 
 
-EAST = box("east", 4.0, 0.0, 6.0, 4.5, ZoneKind.ONE_WAY, direction_rad=0.0)
+EAST = box("east", 4.0, 0.0, 6.0, 4.5, ZoneKind.DIRECTED, direction_rad=0.0)
 """Robots may pass it from west to east; 1.5 m beside it stay free."""
 QUICK = box("quick", 3.0, 0.0, 7.0, 6.0, ZoneKind.NO_STOPPING)
 
