@@ -18,6 +18,7 @@ from robrain.recording.invariants.zone_invariants import ZonesObeyed
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import FloorDrawing
 from robrain.sim.world.world import Fidelity
+from tests.bench.zones import run_set
 
 
 def box(name: str, x0: float, y0: float, x1: float, y1: float, kind: ZoneKind, **fields: float) -> ZoneTable:
@@ -195,3 +196,10 @@ def test_estimates_know_a_speed_limit_on_the_path(fidelity: Fidelity) -> None:
     estimated_s, actual_s = (limited - free for free, limited in zip(*ends_s, strict=True))
     assert estimated_s == pytest.approx(actual_s, rel=0.1)
     assert ends_s[1][0] == pytest.approx(ends_s[1][1], rel=0.15)
+
+
+@pytest.mark.slow
+def test_a_robot_leaves_a_zone_past_one_that_has_come_to_stand_in_its_path() -> None:
+    """Set 2 of the benchmark: in the depot, two robots stand in a new zone, and leave it by the same door."""
+    found = run_set(2)
+    assert found["inside"] == found["left"] == 2
