@@ -477,9 +477,9 @@ def escape_cells(
     speed_m_s: float,
     tracks: Sequence[Track],
     apart_m: float,
+    no_rest: NDArray[np.bool_] | None = None,
     *,
     is_late: bool = False,
-    no_stopping: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int32] | None:
     """Path (N, 2), rows and columns, from a cell to the nearest one that no teammate still has to pass; None for none.
 
@@ -489,7 +489,7 @@ def escape_cells(
     1969). The path keeps this distance from every teammate, regardless of priority. `traversable` is (H, W).
 
     With `is_late` no cell closes before this robot has passed it: teammates stay behind it. No refuge lies in the mask
-    `no_stopping` (H, W).
+    `no_rest` (H, W).
     """
     row, column = start
     reach = round(WINDOW_M / geometry.resolution_m)
@@ -497,8 +497,8 @@ def escape_cells(
     around = np.s_[low_row : row + reach + 1, low_column : column + reach + 1]
     window = np.ascontiguousarray(traversable[around])
     closes_s = np.where(window, np.inf, 0.0)
-    if no_stopping is not None:
-        closes_s[window & no_stopping[around]] = NEVER_S
+    if no_rest is not None:
+        closes_s[window & no_rest[around]] = NEVER_S
     origin = (geometry.origin_x_m, geometry.origin_y_m)
     if tracks:
         positions = [track.positions for track in tracks]

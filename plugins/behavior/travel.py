@@ -328,6 +328,8 @@ class Travel:
         self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
+            if self._leg is not None and self._leg.path.left_m > 2.0 * self._parameters.arrived_m:
+                self.driver.stop()  # the path leads round something; nobody watches a robot that rolls on
             return TravelState.ARRIVED
         if self.driver.blocked_s() > self._parameters.patience_s:
             self.gap_m = self.driver.gap_m()

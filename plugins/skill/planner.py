@@ -159,16 +159,9 @@ class Planner(Skill):
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
-        no_stopping = None if view.zones is None else view.zones.no_rest
+        no_rest = None if view.zones is None else view.zones.no_rest
         cells = escape_cells(
-            grid.traversable,
-            grid.geometry,
-            cell,
-            speed_m_s,
-            tracks,
-            apart_m,
-            is_late=is_late,
-            no_stopping=no_stopping,
+            grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m, no_rest, is_late=is_late
         )
         return None if cells is None else grid.waypoints(cells)
 
