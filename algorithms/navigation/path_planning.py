@@ -159,6 +159,7 @@ def _settle(
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
+Weights = NDArray[np.float32]
 NO_STEPS = np.zeros((0, 0), np.uint8)
 ALONG_MIN = 1e-6
 """A step across a direction does not lead against it."""
@@ -207,12 +208,7 @@ def steps_against(directed: Sequence[tuple[NDArray[np.bool_], float]], shape: tu
     return shut_steps
 
 
-def measured_field(
-    field: NDArray[np.float32],
-    traversable: NDArray[np.bool_],
-    cost: NDArray[np.float32],
-    weight: NDArray[np.float32],
-) -> NDArray[np.float32]:
+def measured_field(field: Weights, traversable: NDArray[np.bool_], cost: Weights, weight: Weights) -> Weights:
     """Length of the cheapest path from every cell, with other weights of the cells than those that made it cheapest.
 
     Args:
@@ -228,12 +224,8 @@ def measured_field(
 
 @njit(cache=True, nogil=True)
 def _measure(
-    field: NDArray[np.float32],
-    traversable: NDArray[np.bool_],
-    cost: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    order: NDArray[np.int64],
-) -> NDArray[np.float32]:
+    field: Weights, traversable: NDArray[np.bool_], cost: Weights, weight: Weights, order: NDArray[np.int64]
+) -> Weights:
     height, width = field.shape
     length = np.full((height, width), np.inf, np.float32)
     for cell in order:

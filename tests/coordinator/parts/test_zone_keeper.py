@@ -159,11 +159,11 @@ def test_a_zone_with_times_holds_only_then(team):
 
 def test_a_zone_that_began_before_the_coordinator_holds(team):
     team.run(0.0)
-    team.clock.advance_to(to_ns(70.0))
-    once = ZoneTimes(rrule="FREQ=DAILY;COUNT=1", begins="1970-01-01T00:01:00", duration_s=20.0)
-    team.begin(None, PlanningPolicy(zones=(table(msgspec.structs.replace(CORNER, times=once)),)))
+    team.clock.advance_to(to_ns(25 * 3600.0))
+    nightly = ZoneTimes(rrule="FREQ=DAILY;BYHOUR=23;BYMINUTE=0;BYSECOND=0", duration_s=4 * 3600.0)
+    team.begin(None, PlanningPolicy(zones=(table(msgspec.structs.replace(CORNER, times=nightly)),)))
     answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
-    assert ([zone.name for zone in answer.zones], answer.turns) == (["corner"], [ZoneTurn("corner", to_ns(80.0))])
+    assert ([zone.name for zone in answer.zones], answer.turns) == (["corner"], [ZoneTurn("corner", to_ns(27 * 3600.0))])
 
 
 def test_times_that_are_no_rule_are_refused():
