@@ -113,8 +113,9 @@ def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
     best, best_ratio = route.stops[-1].job, -np.inf
     for position, job in enumerate(jobs):
         before, here, after = places[position : position + 3]
-        saved_j = float(energy_j[before, here] + energy_j[here, after] - energy_j[before, after]) + job.service_j
-        ratio = saved_j / max(job.prize_j, 1e-9)
+        legs_j = float(energy_j[before, here] + energy_j[here, after])  # infinite if there is no path
+        saved_j = legs_j if np.isinf(legs_j) else legs_j - float(energy_j[before, after])
+        ratio = (saved_j + job.service_j) / max(job.prize_j, 1e-9)
         if not job.pinned_to and ratio > best_ratio:
             best, best_ratio = job.id, ratio
     return best

@@ -100,7 +100,7 @@ def run_set(number: int) -> Counter[str]:
                 found["accepted in a zone"] += bool(names)
             except CallError as error:
                 found["refused"] += any(zone.name in str(error) for zone in shut)
-        stood_s = _follow(run, team, *later, found)
+        stood_s = _follow(run, team, *later, shut, found)
         found["stays"] += sum(each_s >= STAYS_S for each_s in stood_s)
         for index in inside:
             place = Point2D(run.arena.bodies[index].x_m, run.arena.bodies[index].y_m)
@@ -113,8 +113,13 @@ def run_set(number: int) -> Counter[str]:
     return found
 
 
-def _follow(run: LockstepRun, team: Team, one_way: Zone, no_stopping: Zone, found: Counter[str]) -> list[float]:
-    """Run to the end; counts motion against the one-way zone, and returns how long each robot stands in the other."""
+def _follow(
+    run: LockstepRun, team: Team, one_way: Zone, no_stopping: Zone, shut: list[Zone], found: Counter[str]
+) -> list[float]:
+    """Run to the end; counts motion against the one-way zone, and returns how long each robot stands in the other.
+
+    A robot that leaves a keep-out zone may drive against the direction.
+    """
     direction_rad = one_way.direction_rad or 0.0
     along = math.cos(direction_rad), math.sin(direction_rad)
     last = [Point2D(each.x_m, each.y_m) for each in run.arena.bodies]
@@ -124,7 +129,9 @@ def _follow(run: LockstepRun, team: Team, one_way: Zone, no_stopping: Zone, foun
         now = [Point2D(each.x_m, each.y_m) for each in run.arena.bodies]
         for index, (place, before) in enumerate(zip(now, last, strict=True)):
             moved_m = (place.x_m - before.x_m) * along[0] + (place.y_m - before.y_m) * along[1]
-            found["against"] += one_way.holds(place) and one_way.holds(before) and moved_m < -AGAINST_M
+            is_leaving = any(zone.holds(before) for zone in shut)
+            is_inside = one_way.holds(place) and one_way.holds(before) and not is_leaving
+            found["against"] += is_inside and moved_m < -AGAINST_M
             stands = no_stopping.holds(place) and place.distance_m(before) < STANDS_M
             stood_s[index] = stood_s[index] + POLL_S if stands else 0.0
         last = now

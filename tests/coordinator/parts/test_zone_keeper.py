@@ -163,7 +163,10 @@ def test_a_zone_that_began_before_the_coordinator_holds(team):
     nightly = ZoneTimes(rrule="FREQ=DAILY;BYHOUR=23;BYMINUTE=0;BYSECOND=0", duration_s=4 * 3600.0)
     team.begin(None, PlanningPolicy(zones=(table(msgspec.structs.replace(CORNER, times=nightly)),)))
     answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
-    assert ([zone.name for zone in answer.zones], answer.turns) == (["corner"], [ZoneTurn("corner", to_ns(27 * 3600.0))])
+    assert ([zone.name for zone in answer.zones], answer.turns) == (
+        ["corner"],
+        [ZoneTurn("corner", to_ns(27 * 3600.0))],
+    )
 
 
 def test_times_that_are_no_rule_are_refused():
