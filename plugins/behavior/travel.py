@@ -18,7 +18,7 @@ from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterfac
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.claim import IDLE_S, Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Positive
@@ -93,6 +93,13 @@ MOVED_M = 0.1
 """Less than this is no motion."""
 IDLE = Claim()
 """An idle robot yields to every robot with a task."""
+
+LEAVES = Claim(order_s=0.5 * IDLE_S)
+"""A robot that leaves a zone goes before idle ones, which make room."""
+HELD_S = 2.0
+"""Time that a robot that leaves a zone waits for others before it plans again (chosen)."""
+OWN_CELL_M = 0.15
+"""The cell of a robot is open, however near others stand."""
 
 GAP = "gap_m"
 """In the result of a task: the width of the gap that the robot does not fit through."""
@@ -172,6 +179,8 @@ class Travel:
         self._version = -1
         """Version of the map on which the path was last found safe."""
         self._search: LostSearch | None = None
+        self._aside_claim = IDLE
+        """Claim of the leg of an idle robot."""
         self.roams = False
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
@@ -353,17 +362,17 @@ class Travel:
         encounter = self._meet(pose, IDLE)
         if leg is not None:
             allowed = leg.guard(encounter, pose)
-            if allowed.positions > 1 and leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
-                leg.drive(allowed, IDLE)
+            is_held = allowed.positions < 2 and now_ns - self._checked_ns > to_ns(HELD_S)
+            if not is_held and leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
+                leg.drive(allowed, self._aside_claim)
                 return True
-            self.stop()  # at the end, or another robot has come to stand on the path
+            self.stop()
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
-        at_rest = circles(encounter.teammates, encounter.radius_m + self._parameters.teammate_margin_m, Doing.IDLE)
-        out = self._planner.leave_zone(self.view(), self.place(), at_rest, to_rest=True) if is_due else []
+        out = self._zone_exit(encounter, pose) if is_due else []
         if out:
-            self._checked_ns = now_ns
+            self._checked_ns, self._aside_claim = now_ns, LEAVES
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
-            leg.drive(leg.guard(encounter, pose), IDLE)
+            leg.drive(leg.guard(encounter, pose), LEAVES)
             return True
         pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
         if pressed_by:
@@ -371,9 +380,20 @@ class Travel:
             (presser, *_) = (teammate for teammate in encounter.teammates if teammate.name in pressed_by)
             leg = self._leg = self._refuge(encounter, pose, presser, self._widths())
             if leg is not None:
+                self._aside_claim = IDLE
                 leg.drive(leg.guard(encounter, pose), IDLE)
                 return True
         return False
+
+    def _zone_exit(self, encounter: Encounter, pose: Pose2D) -> list[Point2D]:
+        """A path out of zones, past idle robots if there is one, else to where they have to make room."""
+        margin_m = encounter.radius_m + self._parameters.teammate_margin_m
+        at_rest = [
+            (x_m, y_m, min(reach_m, math.hypot(x_m - pose.x_m, y_m - pose.y_m) - OWN_CELL_M))
+            for x_m, y_m, reach_m in circles(encounter.teammates, margin_m, Doing.IDLE)
+        ]
+        leave, view, here = self._planner.leave_zone, self.view(), self.place()
+        return leave(view, here, at_rest, to_rest=True) or leave(view, here, to_rest=True)
 
     def coast(self) -> None:
         """Drop the goal, but let the robot roll on for about a second, because the next goal may come before."""
