@@ -386,14 +386,15 @@ class Travel:
         return False
 
     def _zone_exit(self, encounter: Encounter, pose: Pose2D) -> list[Point2D]:
-        """A path out of zones, past idle robots if there is one, else to where they have to make room."""
+        """A path out of zones, past other robots if there is one, else to where idle ones have to make room."""
         margin_m = encounter.radius_m + self._parameters.teammate_margin_m
-        at_rest = [
+        others = [
             (x_m, y_m, min(reach_m, math.hypot(x_m - pose.x_m, y_m - pose.y_m) - OWN_CELL_M))
-            for x_m, y_m, reach_m in circles(encounter.teammates, margin_m, Doing.IDLE)
+            for doing in Doing
+            for x_m, y_m, reach_m in circles(encounter.teammates, margin_m, doing)
         ]
         leave, view, here = self._planner.leave_zone, self.view(), self.place()
-        return leave(view, here, at_rest, to_rest=True) or leave(view, here, to_rest=True)
+        return leave(view, here, others, to_rest=True) or leave(view, here, to_rest=True)
 
     def coast(self) -> None:
         """Drop the goal, but let the robot roll on for about a second, because the next goal may come before."""
