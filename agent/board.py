@@ -67,6 +67,8 @@ class Board:
         """The map frame of the pose and of the map: the arena frame, or the robot's own; mapper writes it."""
         self.map: OccupancyGrid | None = None
         """The team's map as this robot knows it, read-only; mapper writes it."""
+        self.is_slowed = False
+        """Whether a zone limits the speed of the path that is driven; the path's behavior writes it."""
         self.map_paused = ""
         """Why scans are not put into the map now; empty if they are. Mapper writes it."""
         self.velocity = Twist2D()

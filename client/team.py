@@ -74,6 +74,7 @@ from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES_NOW,
     ZoneChange,
     ZoneList,
+    Zones,
 )
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
@@ -393,9 +394,13 @@ class Team(RobotCalls):
         """Return the regions that exploration has not covered, by the coordinator's map; None without a map."""
         return self._requests.coordinator(COORDINATOR_LEFT_NOW, None)
 
+    def zone_times(self) -> Zones:
+        """The zones that hold now, those that hold at other times, and when that changes."""
+        return self._requests.coordinator(COORDINATOR_ZONES_NOW, None)
+
     def zones(self) -> ZoneList:
-        """All zones and named places of the team, by name."""
-        return self._requests.coordinator(COORDINATOR_ZONES_NOW, None).zones
+        """All zones and named places of the team, by name, also those that do not hold now."""
+        return self.zone_times().all
 
     def change_zones(self, *put: Zone, remove: Iterable[str] = ()) -> ZoneList:
         """Add zones, in place of those with their names, and remove others.
@@ -408,7 +413,7 @@ class Team(RobotCalls):
 
         """
         change = ZoneChange(put=[*put], remove=[*remove], by=self.by)
-        return self._requests.coordinator(COORDINATOR_ZONES_CHANGE, change).zones
+        return self._requests.coordinator(COORDINATOR_ZONES_CHANGE, change).all
 
     def hold_robot(
         self,

@@ -112,10 +112,10 @@ def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
     best, best_ratio = route.stops[-1].job, -np.inf
     before = worker.start
     for job, after in zip(jobs, [*(job.place for job in jobs[1:]), route.end_place], strict=True):
-        path_j = energy_j[before, job.place] + energy_j[job.exit_place, after] - energy_j[before, after]
-        saved_j = float(path_j) + job.service_j
+        legs_j = float(energy_j[before, job.place] + energy_j[job.exit_place, after])  # infinite if there is no path
+        saved_j = legs_j if np.isinf(legs_j) else legs_j - float(energy_j[before, after])
         before = job.exit_place
-        ratio = saved_j / max(job.prize_j, 1e-9)
+        ratio = (saved_j + job.service_j) / max(job.prize_j, 1e-9)
         if not job.pinned_to and ratio > best_ratio:
             best, best_ratio = job.id, ratio
     return best

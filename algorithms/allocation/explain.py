@@ -104,7 +104,7 @@ def _bid(
     left_j = max(0.0, judged.left_j + worker.reserve_j)
     return RobotVerdict(
         robot=worker.name,
-        path_m=None if problem.length_m is None else round(float(problem.length_m[path[1:]]), 2),
+        path_m=None if problem.length_m is None else round(float(problem.length_m[path]), 2),
         energy_j=round(float(problem.energy_j[path]) + job.service_j, 3),
         arrives_in_s=round(float(arrives_in_s), 3),
         left_soc=round(min(1.0, left_j / worker.capacity_j), 4) if worker.capacity_j > 0 else None,

@@ -118,7 +118,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         energy_j: (profiles, places, places) joules from a row's place to a column's; infinite where there is no path.
         time_s: the same in seconds.
         horizon_s: every robot with a job must be at a charger by then.
-        length_m: (places, places) lengths of the paths, for explanations only; None if they are unknown.
+        length_m: (profiles, places, places) lengths of the paths, for explanations only; None if they are unknown.
 
     """
 

@@ -236,10 +236,11 @@ class Consumption:
         self._relative_variance = relative_sd * relative_sd
         self._outcomes = PRIOR_OUTCOMES
 
-    def move(self, stamp_ns: int, speed_m_s: float, yaw_rate_rad_s: float) -> None:
-        """The robot's speeds now; both absolute."""
+    def move(self, stamp_ns: int, speed_m_s: float, yaw_rate_rad_s: float, *, is_usual: bool = True) -> None:
+        """The robot's speeds now, both absolute, and whether they are its usual ones."""
         elapsed_s = self._terms.move(stamp_ns, speed_m_s, yaw_rate_rad_s)
-        self.learner.pass_by(speed_m_s, yaw_rate_rad_s, elapsed_s)
+        if is_usual:
+            self.learner.pass_by(speed_m_s, yaw_rate_rad_s, elapsed_s)
 
     def draw(self, drawn: Drawn) -> bool:
         """Learn from the charge drawn up to now; returns whether anything was learned."""

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.zone_grid import ZoneGrid
 from robrain.algorithms.navigation.path_planning import (
     distance_field,
     is_chord_clear,
@@ -21,6 +22,7 @@ from robrain.algorithms.navigation.path_planning import (
     plan_path,
     round_corners,
     shorten_path,
+    steps_against,
 )
 from robrain.algorithms.numeric.kernel_array import BOOL, Floats, kernel_array
 from robrain.protocol.model.geometry import Point2D
@@ -144,7 +146,7 @@ class NavigationGrid:
         unknown_cost: cost of unknown floor relative to known floor, at least 1; None if it is not driven on.
         preferred_m: clearance below which a place is narrow and costs extra, the more the narrower it is. None means
             `needed_m`, with which no place is narrow.
-        surcharge: (H, W) float32, extra cost of a metre; None for none.
+        zones: on the same grid, for costs and directions; keep-out zones are occupied in `classes` already.
 
     """
 
@@ -155,10 +157,12 @@ class NavigationGrid:
         needed_m: float,
         unknown_cost: float | None = None,
         preferred_m: float | None = None,
-        surcharge: NDArray[np.float32] | None = None,
+        zones: ZoneGrid | None = None,
     ) -> None:
         self.geometry = geometry
-        self.surcharge = surcharge
+        self.zones = zones
+        directed = [] if zones is None else zones.directed
+        self._shut_steps = steps_against(directed, classes.shape) if directed else None
         self.needed_m = needed_m
         self.preferred_m = needed_m if preferred_m is None else max(needed_m, preferred_m)
         self.unknown_cost = unknown_cost
@@ -206,8 +210,8 @@ class NavigationGrid:
         else:
             self.traversable[inner] = (classes != OCCUPIED) & enough
             cost[classes != FREE] *= np.float32(self.unknown_cost)
-        if self.surcharge is not None:
-            cost += self.surcharge[inner]
+        if self.zones is not None:
+            cost += self.zones.surcharge[inner]
         self.cost[inner] = cost
 
     def snap(self, place: Point2D, radius_m: float) -> tuple[int, int] | None:
@@ -250,9 +254,12 @@ class NavigationGrid:
         if ends[0] is None or ends[1] is None:
             return None
         cost = self._with_swaths(dear)
-        cells = plan_path(traversable, cost, ends[0], ends[1])
+        shut_steps = self._shut_steps
+        cells = plan_path(traversable, cost, ends[0], ends[1], shut_steps)
         if cells is None:
             return None
+        if shut_steps is not None:  # where steps have directions, straight lines may not have them
+            traversable = traversable & (shut_steps == 0)
         corners = shorten_path(cells, traversable & (cost < 1.0 + DISCOMFORT / 4))
         return self.waypoints(corners, traversable, keeps_right=keeps_right)
 

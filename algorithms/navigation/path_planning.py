@@ -6,12 +6,13 @@ Equal costs are settled by the order of expansion, which only depends on the arg
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, Floats, kernel_array
+from robrain.algorithms.numeric.kernel_array import BOOL, FLOAT32, FLOAT64, INT32, INT64, UINT8, Floats, kernel_array
 from robrain.protocol.model.grid_geometry import OCCUPIED
 
 
@@ -158,29 +159,94 @@ def _settle(
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
 _COLUMN_STEPS = (0, -1, 1, 0, -1, 1, -1, 1)
 _DIAGONAL = 2.0**0.5
+Weights = NDArray[np.float32]
+NO_STEPS = np.zeros((0, 0), np.uint8)
+ALONG_MIN = 1e-6
+"""A step across a direction does not lead against it."""
 CUT_CELLS = 4.0
 """The most that is cut off each side of a corner, chosen: two radii of a robot at 0.1 m a cell."""
 
 
 def plan_path(
-    traversable: NDArray[np.bool_], cost: NDArray[np.float32], start: tuple[int, int], goal: tuple[int, int]
+    traversable: NDArray[np.bool_],
+    cost: NDArray[np.float32],
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    shut_steps: NDArray[np.uint8] | None = None,
 ) -> NDArray[np.int32] | None:
     """The cheapest path as cells (N, 2), start and goal included, or None where there is none.
 
-    `traversable` (H, W); `cost` (H, W) of the cells, at least 1, or the path may not be the cheapest. A start or
-    goal that is untraversable or outside has no path; see `nearest_traversable`. A* of Hart, Nilsson and Raphael,
-    *A Formal Basis for the Heuristic Determination of Minimum Cost Paths*, 1968, with the octile distance as
-    heuristic.
+    `traversable` (H, W); `cost` (H, W) of the cells, at least 1, or the path may not be the cheapest; `shut_steps` as
+    of `steps_against`. A start or goal that is untraversable or outside has no path; see `nearest_traversable`. A* of
+    Hart, Nilsson and Raphael, *A Formal Basis for the Heuristic Determination of Minimum Cost Paths*, 1968, with the
+    octile distance as heuristic.
     """
     mask, cost = _as_grids(traversable, cost)
     if not (_is_traversable(mask, start) and _is_traversable(mask, goal)):
         return None
-    parent = _search(mask, cost, int(start[0]), int(start[1]), int(goal[0]), int(goal[1]))
+    shut = NO_STEPS if shut_steps is None else kernel_array(shut_steps, UINT8)
+    parent = _search(mask, cost, shut, int(start[0]), int(start[1]), int(goal[0]), int(goal[1]))
     width = mask.shape[1]
     goal_index = int(goal[0]) * width + int(goal[1])
     if parent[goal_index] < 0:
         return None
     return _trace_back(parent, goal_index, width)
+
+
+def steps_against(directed: Sequence[tuple[NDArray[np.bool_], float]], shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Steps that lead against the direction of an area: bits of the eight neighbours, for each cell, (H, W).
+
+    Args:
+        directed: mask (H, W) and direction, radians, of each area.
+        shape: of the grid.
+
+    """
+    shut_steps = np.zeros(shape, np.uint8)
+    for mask, direction_rad in directed:
+        along = np.array(_COLUMN_STEPS) * math.cos(direction_rad) + np.array(_ROW_STEPS) * math.sin(direction_rad)
+        shut_steps[mask] |= np.uint8((1 << np.flatnonzero(along < -ALONG_MIN)).sum())
+    return shut_steps
+
+
+def measured_field(field: Weights, traversable: NDArray[np.bool_], cost: Weights, weight: Weights) -> Weights:
+    """Length of the cheapest path from every cell, with other weights of the cells than those that made it cheapest.
+
+    Args:
+        field: of `distance_field`, (H, W).
+        traversable: as there.
+        cost: as there.
+        weight: of the cells, (H, W).
+
+    """
+    order = np.argsort(field, axis=None, kind="stable")
+    return _measure(kernel_array(field, FLOAT32), *_as_grids(traversable, cost), kernel_array(weight, FLOAT32), order)
+
+
+@njit(cache=True, nogil=True)
+def _measure(
+    field: Weights, traversable: NDArray[np.bool_], cost: Weights, weight: Weights, order: NDArray[np.int64]
+) -> Weights:
+    height, width = field.shape
+    length = np.full((height, width), np.inf, np.float32)
+    for cell in order:
+        row, column = cell // width, cell % width
+        if field[row, column] == np.inf:
+            break
+        least = np.inf
+        length[row, column] = 0.0
+        for k in range(8):
+            near_row, near_column = row + _ROW_STEPS[k], column + _COLUMN_STEPS[k]
+            if not (0 <= near_row < height and 0 <= near_column < width and traversable[near_row, near_column]):
+                continue
+            if k >= 4 and not (traversable[row, near_column] and traversable[near_row, column]):
+                continue
+            half = (_DIAGONAL if k >= 4 else 1.0) * 0.5
+            through = field[near_row, near_column] + half * (cost[row, column] + cost[near_row, near_column])
+            if field[near_row, near_column] < field[row, column] and through < least:
+                least = through
+                step = half * (weight[row, column] + weight[near_row, near_column])
+                length[row, column] = length[near_row, near_column] + step
+    return length
 
 
 def distance_field(
@@ -282,6 +348,7 @@ def _sift_down(heap: NDArray[np.int32], slot_of: NDArray[np.int32], priority: Fl
 def _search(
     traversable: NDArray[np.bool_],
     cost: NDArray[np.float32],
+    shut_steps: NDArray[np.uint8],
     start_row: int,
     start_column: int,
     goal_row: int,
@@ -321,6 +388,8 @@ def _search(
                 continue
             near = near_row * width + near_column
             if closed[near]:
+                continue
+            if shut_steps.size and ((shut_steps[row, column] | shut_steps[near_row, near_column]) >> k) & 1:
                 continue
             length = _DIAGONAL if k >= 4 else 1.0
             through = distance[cell] + length * 0.5 * (float(cost[row, column]) + float(cost[near_row, near_column]))

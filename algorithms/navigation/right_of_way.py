@@ -461,6 +461,8 @@ WINDOW_M = 12.0
 HEAD_START_S = 0.5
 """A teammate comes later than foreseen by at least this: it starts first, and brakes before robots on its path."""
 LATE_S = 1e6
+NEVER_S = 1e9
+"""When cells close that are no refuge for another reason."""
 START_CELLS = 3.0
 """Within this distance of its start a robot may be nearer to a teammate than it should be, if it moves away."""
 _ROW_STEPS = (-1, 0, 0, 1, -1, -1, 1, 1)
@@ -475,6 +477,7 @@ def escape_cells(
     speed_m_s: float,
     tracks: Sequence[Track],
     apart_m: float,
+    no_rest: NDArray[np.bool_] | None = None,
     *,
     is_late: bool = False,
 ) -> NDArray[np.int32] | None:
@@ -485,13 +488,17 @@ def escape_cells(
     search finds the earliest arrival (Dreyfus, *An Appraisal of Some Shortest-Path Algorithms*, Operations Research 17,
     1969). The path keeps this distance from every teammate, regardless of priority. `traversable` is (H, W).
 
-    With `is_late` no cell closes before this robot has passed it: teammates stay behind it.
+    With `is_late` no cell closes before this robot has passed it: teammates stay behind it. No refuge lies in the mask
+    `no_rest` (H, W).
     """
     row, column = start
     reach = round(WINDOW_M / geometry.resolution_m)
     low_row, low_column = max(0, row - reach), max(0, column - reach)
-    window = np.ascontiguousarray(traversable[low_row : row + reach + 1, low_column : column + reach + 1])
+    around = np.s_[low_row : row + reach + 1, low_column : column + reach + 1]
+    window = np.ascontiguousarray(traversable[around])
     closes_s = np.where(window, np.inf, 0.0)
+    if no_rest is not None:
+        closes_s[window & no_rest[around]] = NEVER_S
     origin = (geometry.origin_x_m, geometry.origin_y_m)
     if tracks:
         positions = [track.positions for track in tracks]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BOOL, INT8, INT32, INT64 = np.dtype(np.bool_), np.dtype(np.int8), np.dtype(np.int32), np.dtype(np.int64)
-FLOAT32, FLOAT64 = np.dtype(np.float32), np.dtype(np.float64)
+UINT8, FLOAT32, FLOAT64 = np.dtype(np.uint8), np.dtype(np.float32), np.dtype(np.float64)
 Floats = NDArray[np.float64]
 
 

@@ -15,8 +15,10 @@ from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES_NOW,
     ZoneChange,
     Zones,
+    ZoneTurn,
 )
-from robrain.protocol.model.zone import Zone, ZoneKind, check_zones
+from robrain.protocol.model.recurrence import Occurrences
+from robrain.protocol.model.zone import Zone, ZoneKind, ZoneTimes, check_zones
 from robrain.protocol.wire.endpoint import Request, Serve
 
 PERIOD_NS = to_ns(2.0)
@@ -31,6 +33,31 @@ class ZoneChanges(msgspec.Struct, frozen=True):
     """Zones that were added, replaced or removed (None), by name."""
 
 
+class ZoneTimer:
+    """Times of a zone.
+
+    Args:
+        times: at which it holds.
+        now_ns: the time.
+
+    """
+
+    def __init__(self, times: ZoneTimes, now_ns: int) -> None:
+        self._duration_ns = to_ns(times.duration_s)
+        self._occurrences = Occurrences(times, now_ns - self._duration_ns)
+        self._until_ns = now_ns
+
+    def holds(self, now_ns: int) -> bool:
+        """Whether the zone holds now."""
+        if (begun_ns := self._occurrences.latest_ns(now_ns)) is not None:
+            self._until_ns = begun_ns + self._duration_ns
+        return now_ns < self._until_ns
+
+    def turn_ns(self, now_ns: int) -> int | None:
+        """When that changes; None if it never does again."""
+        return self._until_ns if now_ns < self._until_ns else self._occurrences.next_ns
+
+
 class ZoneKeeper(CoordinatorPart):
     """Zones of the policy and their changes: robots, plans, exploration and admission obey them.
 
@@ -42,11 +69,19 @@ class ZoneKeeper(CoordinatorPart):
     def __init__(self, core: Core) -> None:
         super().__init__(core)
         self._zones: dict[str, Zone] = {}
+        self._timers: dict[str, ZoneTimer] = {}
+        self._turns: list[ZoneTurn] = []
+        """When zones with times begin or end next."""
+        self._off: set[str] = set()
+        """Zones that do not hold now."""
+        self._holding: list[Zone] = []
+        """Those that hold, as robots receive them."""
+        self._offers_version = 0
         self._changes = self.stored(ZoneChanges).zones
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
-        core.wire.answer(COORDINATOR_ZONES_NOW, lambda _: self._message(), serve=Serve.IN_STEP)
+        core.wire.answer(COORDINATOR_ZONES_NOW, lambda _: self._all(), serve=Serve.IN_STEP)
         core.wire.answer(COORDINATOR_ZONES_CHANGE, self._change, serve=Serve.IN_STEP)
         self._doors: dict[str, tuple[DoorPosition, int]] = {}
         """The last position of each door, and when it arrived."""
@@ -70,7 +105,7 @@ class ZoneKeeper(CoordinatorPart):
                 shut.add(zone.name)
         if shut != self._shut:
             self._shut = shut
-            self._set(self._zones)
+            self._update(now_ns)
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
@@ -79,11 +114,19 @@ class ZoneKeeper(CoordinatorPart):
         if kept != self._zones:
             self._set(kept)
 
+    def decide(self, now_ns: int) -> None:
+        """Begin and end zones by their times, and follow which robots have the plugins that zones name."""
+        version = self.core.capabilities.version
+        if version != self._offers_version or any(now_ns >= turn.at_ns for turn in self._turns):
+            self._offers_version = version
+            self._update(now_ns)
+
     def publish(self, now_ns: int) -> None:
         """Publish all zones, if that is due."""
         if self._due_ns is not None and now_ns >= self._due_ns:
             self._due_ns = now_ns + PERIOD_NS
-            self._publisher.put(self._message())
+            off = [msgspec.structs.replace(self._zones[name], times=None) for name in sorted(self._off)]
+            self._publisher.put(Zones(zones=self._holding, off=off, turns=self._turns))
 
     def _change(self, request: Request[ZoneChange]) -> Zones:
         asked = request.asked
@@ -102,22 +145,44 @@ class ZoneKeeper(CoordinatorPart):
         if changes:
             self._changes |= changes
             self._set(zones)
-        return self._message()
+        return self._all()
 
-    def _message(self) -> Zones:
-        return Zones(zones=sorted(self._obeyed(), key=lambda zone: zone.name))
-
-    def _obeyed(self) -> list[Zone]:
-        """The zones as robots obey them now."""
-        return [
-            msgspec.structs.replace(zone, is_shut=True) if zone.kind is ZoneKind.DOOR and name in self._shut else zone
-            for name, zone in self._zones.items()
-        ]
+    def _all(self) -> Zones:
+        zones = sorted(self._zones.values(), key=lambda zone: zone.name)
+        holding, off = (
+            [self._with_door(zone) for zone in zones if (zone.name in self._off) is is_off] for is_off in (False, True)
+        )
+        return Zones(zones=holding, off=off, turns=self._turns)
 
     def _set(self, zones: dict[str, Zone]) -> None:
-        self._zones, self._due_ns = zones, 0
-        self.core.team_map.set_zones(self._obeyed())
-        self.core.assign_soon()
+        now_ns = self.core.wire.clock.now_ns()
+        timed = {name: zone.times for name, zone in zones.items() if zone.times is not None}
+        self._zones = zones
+        self._timers = {name: ZoneTimer(times, now_ns) for name, times in timed.items()}
+        self._due_ns = 0
+        self._update(now_ns)
+
+    def _update(self, now_ns: int) -> None:
+        self._off = {name for name, timer in self._timers.items() if not timer.holds(now_ns)}
+        turns = {name: timer.turn_ns(now_ns) for name, timer in self._timers.items()}
+        self._turns = [ZoneTurn(name, turn_ns) for name, turn_ns in sorted(turns.items()) if turn_ns is not None]
+        holding = [self._for_robots(self._zones[name]) for name in sorted(self._zones) if name not in self._off]
+        if holding != self._holding:
+            self._holding, self._due_ns = holding, 0
+            self.core.team_map.set_zones(holding)
+            self.core.assign_soon()
+
+    def _for_robots(self, zone: Zone) -> Zone:
+        """The zone as robots receive it: always in force, with the names of all robots that obey it."""
+        offers = self.core.capabilities.plugins if zone.robots else {}
+        names = [
+            name for name in sorted(offers) if name not in zone.robots and set(zone.robots) & (offers[name] or set())
+        ]
+        return msgspec.structs.replace(self._with_door(zone), times=None, robots=(*zone.robots, *names))
+
+    def _with_door(self, zone: Zone) -> Zone:
+        """The zone, shut if it is a door that cannot be used now."""
+        return msgspec.structs.replace(zone, is_shut=True) if zone.name in self._shut else zone
 
 
 def _plain(zone: Zone) -> Zone:

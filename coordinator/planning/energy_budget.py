@@ -122,21 +122,24 @@ def kinds_of(profiles: Sequence[Profile]) -> tuple[list[Profile], list[int]]:
     """Merge similar profiles: the merged ones, and each robot's index; no path costs a robot more than its profile."""
     share = SAME_SHARE
     while True:
-        kinds: dict[tuple[int, int], int] = {}
+        kinds: dict[tuple[int, int, int], int] = {}
         merged: list[Profile] = []
         index = []
         for one in profiles:
-            key = (_step(one.j_per_m, share), _step(one.s_per_m, share))
+            key = (_step(one.j_per_m, share), _step(one.s_per_m, share), one.table)
             if key not in kinds:
                 kinds[key] = len(merged)
                 merged.append(one)
             at = kinds[key]
             known = merged[at]
             merged[at] = Profile(
-                max(known.start_j, one.start_j), max(known.j_per_m, one.j_per_m), max(known.s_per_m, one.s_per_m)
+                max(known.start_j, one.start_j),
+                max(known.j_per_m, one.j_per_m),
+                max(known.s_per_m, one.s_per_m),
+                one.table,
             )
             index.append(at)
-        if len(merged) <= KINDS_MAX:
+        if len(merged) <= KINDS_MAX + max((one.table for one in profiles), default=0):
             return merged, index
         share *= 2.0
 

@@ -12,12 +12,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robrain.algorithms.mapping.zone_grid import ZoneGrid
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid
-from robrain.algorithms.navigation.path_planning import distance_field
+from robrain.algorithms.navigation.path_planning import distance_field, measured_field
 from robrain.coordinator.planning.energy_budget import DETOUR
 from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE
+from robrain.protocol.model.zone import Zone, ZoneKind
 
 COARSE = 2
 """Pitch, in cells of the map, coarse but too fine for paths to jump a wall with room for a robot on both sides.
@@ -26,6 +28,11 @@ SLOW = 4.0
 """Cost of a metre of narrow floor, in metres of open floor (the driver squeezes at a quarter of its speed)."""
 SNAP_M = 0.8
 """Maximum distance between a place and the nearest cell where a robot can stand."""
+MEASURED = (ZoneKind.KEEP_OUT, ZoneKind.SPEED_LIMIT, ZoneKind.PENALTY)
+"""Kinds of zones that change path lengths. One-way zones do not: lengths are symmetric."""
+PACE_STEP = 0.05
+"""Paces within this share count as equal."""
+VARIANTS_MAX = 16
 KEPT_BYTES = 48_000_000
 """Limit for the cached fields of a grid; beyond, the oldest are dropped."""
 
@@ -38,19 +45,53 @@ class PathLengths:
         needed_m: clearance that robots prefer.
         unknown_cost: weight of a metre of unknown floor.
         narrow_m: clearance that robots accept where there is no other path; None to exclude narrow passages.
+        zones: those that the robots obey, if not all do.
+        pace_m_s: of the robots; a metre with a speed limit counts as the metres that they drive elsewhere meanwhile.
 
     """
 
     def __init__(
-        self, floor: Floor | None, needed_m: float, unknown_cost: float, narrow_m: float | None = None
+        self,
+        floor: Floor | None,
+        needed_m: float,
+        unknown_cost: float,
+        narrow_m: float | None = None,
+        zones: Sequence[Zone] = (),
+        pace_m_s: float = math.inf,
     ) -> None:
         self.version = 0 if floor is None else floor.version
         self.needed_m = needed_m
         self.unknown_cost = unknown_cost
         self._floor = floor
         self._narrow_m = None if narrow_m is None else min(narrow_m, needed_m)
+        self._zones, self._pace_m_s = zones, pace_m_s
         self._grids: dict[float, _Grid] = {}
         """By the clearance that counts."""
+        self._for_robots: dict[tuple[tuple[str, ...], float], PathLengths] = {}
+        """By the zones that robots obey, and by their pace."""
+
+    def of(self, robot: str, pace_m_s: float) -> "PathLengths":
+        """Path lengths for a robot, with the zones that it obeys.
+
+        Args:
+            robot: its name.
+            pace_m_s: its usual pace.
+
+        """
+        floor = self._floor
+        zones = [] if floor is None else [zone for zone in floor.zones if zone.kind in MEASURED and zone.binds(robot)]
+        if not zones:
+            return self
+        # Paces of one step share their paths, and those that robots learn later often do.
+        step = round(math.log(pace_m_s) / PACE_STEP) if any(zone.speed_m_s is not None for zone in zones) else 0
+        key = tuple(zone.name for zone in zones), math.exp(PACE_STEP * step)
+        if key not in self._for_robots:
+            if len(self._for_robots) == VARIANTS_MAX:
+                self._for_robots.clear()
+            self._for_robots[key] = PathLengths(
+                floor, self.needed_m, self.unknown_cost, self._narrow_m, zones, pace_m_s=key[1]
+            )
+        return self._for_robots[key]
 
     def lengths_m(self, goals: Sequence[Point2D], starts: Sequence[Point2D]) -> NDArray[np.float64]:
         """Lengths (n, n), metres, symmetric, among goals and then starts; infinite where there is no path.
@@ -81,7 +122,12 @@ class PathLengths:
 
     def _grid(self, floor: Floor, clearance_m: float) -> "_Grid":
         if clearance_m not in self._grids:
-            self._grids[clearance_m] = _Grid(floor, clearance_m, self.needed_m, self.unknown_cost)
+            zones = ZoneGrid(self._zones, floor.geometry)
+            floor = floor._replace(classes=zones.close(floor.classes))
+            slow = np.maximum(1.0, self._pace_m_s / zones.felt_limit_m_s()) if self._zones else None
+            self._grids[clearance_m] = _Grid(
+                floor, clearance_m, self.needed_m, self.unknown_cost, zones.surcharge, slow
+            )
         return self._grids[clearance_m]
 
 
@@ -93,18 +139,30 @@ class _Grid:
         needed_m: clearance of the narrowest place that counts.
         preferred_m: clearance below which a place is narrow.
         unknown_cost: weight of a metre of unknown floor.
+        surcharge: extra cost of a metre for the choice of a path, (H, W).
+        slow: factor on the length of a metre of the chosen path, (H, W); None if there are no zones.
 
     """
 
-    def __init__(self, floor: Floor, needed_m: float, preferred_m: float, unknown_cost: float) -> None:
+    def __init__(
+        self,
+        floor: Floor,
+        needed_m: float,
+        preferred_m: float,
+        unknown_cost: float,
+        surcharge: NDArray[np.float32],
+        slow: NDArray[np.float64] | None,
+    ) -> None:
         self._navigation = NavigationGrid(floor.classes, floor.geometry, needed_m, 1.0, preferred_m)
         self._step = COARSE if needed_m == preferred_m else 1
         self._pitch_m = self._step * floor.geometry.resolution_m
         traversable = self._navigation.traversable
         cost = np.where(floor.classes == FREE, 1.0, unknown_cost)
         cost[self._navigation.narrow] *= SLOW
-        self._mask, self._cost = _every(self._step, traversable, np.where(traversable, cost, np.inf))
-
+        self._mask, self._cost = _every(self._step, traversable, np.where(traversable, cost + surcharge, np.inf))
+        self._weight: NDArray[np.float32] | None = None
+        if slow is not None:
+            _, self._weight = _every(self._step, traversable, np.where(traversable, cost * slow, np.inf))
         self._fields: dict[tuple[int, int], NDArray[np.float32]] = {}
         self._bytes = 0
 
@@ -131,6 +189,8 @@ class _Grid:
         field = self._fields.pop(cell, None)
         if field is None:
             field = distance_field(self._mask, self._cost, np.array([cell], np.int64))
+            if self._weight is not None:
+                field = measured_field(field, self._mask, self._cost, self._weight)
             self._bytes += field.nbytes
         self._fields[cell] = field
         while self._bytes > KEPT_BYTES and len(self._fields) > 1:

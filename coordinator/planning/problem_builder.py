@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+import msgspec
+
 from robrain.algorithms.allocation.problem import Job, Worker
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M
 from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
@@ -39,8 +41,14 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     chosen, waiting = _chosen(snapshot, policy)
     names = sorted(snapshot.members)
     members = [snapshot.members[name] for name in names]
-    profiles, kinds = kinds_of([profile_of(member.state.energy, policy.time_margin) for member in members])
     models = [member.state.energy for member in members]
+    profiles = [profile_of(model, policy.time_margin) for model in models]
+    own = [paths.of(name, policy.time_margin / one.s_per_m) for name, one in zip(names, profiles, strict=True)]
+    tables = list(dict.fromkeys(own))
+    table_of = [tables.index(one) for one in own]
+    profiles, kinds = kinds_of(
+        [msgspec.structs.replace(one, table=table) for one, table in zip(profiles, table_of, strict=True)]
+    )
     at_place = {record.task.id: _at_place(record.task, snapshot, models) for record in chosen}
     waits_s = sum(service_s for service_s, _ in at_place.values())
     waits_s += max((to_seconds(max(0, record.task.earliest_ns - snapshot.now_ns)) for record in chosen), default=0.0)
@@ -56,7 +64,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     starts = [
         ending[name].place if name in ending else _here(member) for name, member in zip(names, members, strict=True)
     ]
-    length_m = paths.lengths_m(list(goals), starts)
+    length_m = [table.lengths_m(list(goals), starts) for table in tables]
 
     prize_j = max([policy.prize_j, *(2.0 * mean.capacity_j for mean in means)])
     paused: dict[str, set[str]] = {}
@@ -96,12 +104,14 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
         workers=tuple(workers),
         profiles=tuple(profiles),
         places=len(goals) + len(starts),
-        paths_cm=encode_lengths(length_m),
+        paths_cm=b"".join(map(encode_lengths, length_m)),
     )
     charger_distances = {
         name: ChargerDistances(
             starts[index],
-            tuple((place, float(length_m[len(goals) + index, goals[place]])) for place in member.chargers),
+            tuple(
+                (place, float(length_m[table_of[index]][len(goals) + index, goals[place]])) for place in member.chargers
+            ),
         )
         for index, (name, member) in enumerate(zip(names, members, strict=True))
         if not member.free_ns

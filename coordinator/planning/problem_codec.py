@@ -5,9 +5,11 @@ about 1 kB, one with 1,000 about 0.2 MB.
 """
 
 import zlib
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.algorithms.allocation.problem import Job, Problem, Worker
@@ -29,6 +31,8 @@ class Profile(msgspec.Struct, frozen=True):
     """Joules to accelerate, once per path."""
     j_per_m: float
     s_per_m: float
+    table: Annotated[int, Meta(ge=0, le=1000)] = 0
+    """Index of the table of its path lengths."""
 
 
 class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,26 +44,35 @@ class ProblemRecord(msgspec.Struct, frozen=True, kw_only=True):
     places: int
     paths_cm: bytes
     """Lengths between places: little-endian uint32, the upper triangle without the diagonal, row by row;
-    `NO_PATH` where there is no path. Lengths are symmetric."""
+    `NO_PATH` where there is no path. Lengths are symmetric. One table follows the other."""
 
     path_deltas: bytes = b""
     """The recorded form, which replaces `paths_cm`: see `to_deltas`."""
 
+    @property
+    def tables(self) -> int:
+        """Number of tables of path lengths."""
+        return 1 + max((one.table for one in self.profiles), default=0)
+
     def problem(self) -> Problem:
         """The problem in the allocators' form."""
-        length_m = np.zeros((self.places, self.places))
+        table_m = np.zeros((self.tables, self.places, self.places))
         rows, columns = np.triu_indices(self.places, 1)
-        cm = np.frombuffer(self.paths_cm, "<u4")
-        metres = np.where(cm == NO_PATH, np.inf, cm * M_PER_CM)
-        length_m[rows, columns] = length_m[columns, rows] = metres
-        moves = length_m > 0
-        energy_j = np.stack([np.where(moves, one.start_j + one.j_per_m * length_m, 0.0) for one in self.profiles])
-        time_s = np.stack([one.s_per_m * length_m for one in self.profiles])
+        cm = np.frombuffer(self.paths_cm, "<u4").reshape(self.tables, -1)
+        table_m[:, rows, columns] = table_m[:, columns, rows] = np.where(cm == NO_PATH, np.inf, cm * M_PER_CM)
+        length_m = table_m[[one.table for one in self.profiles]]
+        start_j, j_per_m, s_per_m = (
+            np.array([getattr(one, name) for one in self.profiles])[:, np.newaxis, np.newaxis]
+            for name in ("start_j", "j_per_m", "s_per_m")
+        )
+        energy_j = np.where(length_m > 0, start_j + j_per_m * length_m, 0.0)
+        time_s = s_per_m * length_m
         return Problem(jobs=self.jobs, workers=self.workers, energy_j=energy_j, time_s=time_s, length_m=length_m)
 
     def encode(self) -> bytes:
         """Encode it as `PlanProblem.question`."""
-        deltas = to_deltas(np.frombuffer(self.paths_cm, "<u4"), self.places)
+        tables = np.frombuffer(self.paths_cm, "<u4").reshape(self.tables, -1)
+        deltas = b"".join(to_deltas(table, self.places) for table in tables)
         return zlib.compress(_ENCODER.encode(msgspec.structs.replace(self, paths_cm=b"", path_deltas=deltas)), 1)
 
 
@@ -69,7 +82,9 @@ def decode(encoded: bytes) -> ProblemRecord:
         question = msgspec.convert(upgraded(msgspec.msgpack.decode(zlib.decompress(encoded))), ProblemRecord)
         if not question.path_deltas:
             return question  # with few places, and in old recordings
-        cm = from_deltas(question.path_deltas, question.places)
+        size = len(question.path_deltas) // question.tables
+        parts = (question.path_deltas[index * size : (index + 1) * size] for index in range(question.tables))
+        cm = np.concatenate([from_deltas(part, question.places) for part in parts])
     except (zlib.error, msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ValueError(f"expected a question to the allocator: {error}") from error
     return msgspec.structs.replace(question, paths_cm=cm.astype("<u4").tobytes(), path_deltas=b"")

@@ -13,6 +13,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.zone import Zone
 from robrain.protocol.reasons import RobotReason, TaskReason
 
 if TYPE_CHECKING:  # brings the map's kernels, which a coordinator loads when it is up (coordinator/live.py)
@@ -30,6 +31,8 @@ class Floor(NamedTuple):
     classes: NDArray[np.int8]
     geometry: "GridGeometry"
     version: int
+    zones: tuple[Zone, ...] = ()
+    """All that hold; keep-out zones for all robots are occupied in `classes` already."""
 
 
 class AfterCharge(NamedTuple):

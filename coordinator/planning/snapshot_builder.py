@@ -149,9 +149,9 @@ class SnapshotBuilder:
         grid, floor = self._map.grid, self._floor
         if grid is None or (floor is not None and floor.version == grid.version):
             return floor
-        is_old = now_ns - self._floor_ns > FLOOR_NS
+        is_old = now_ns - self._floor_ns > FLOOR_NS or (floor is not None and floor.zones != self._map.zones)
         if floor is None or is_old or self.is_blocked or wanted:
-            self._floor = Floor(grid.classes(), grid.geometry, grid.version)
+            self._floor = Floor(grid.classes(), grid.geometry, grid.version, self._map.zones)
             self._floor_ns = now_ns
             self.is_blocked = False
         return self._floor

@@ -30,13 +30,13 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from robrain.coordinator.rules.schedule import ScheduleCondition
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.motes.mote_messages import MoteReading
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NAME_MAX, Duration, Metres, Name, PositiveDuration, Priority, cut
+from robrain.protocol.model.recurrence import Recurrence
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
 
@@ -300,6 +300,13 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 TRIGGERS: Mapping[str, Values] = {"reading": OF_READING, "event": OF_EVENT, "schedule": OF_SCHEDULE}
 """The triggers of rules, each with the values that may fill parameters of the task."""
+
+
+class ScheduleCondition(Recurrence, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """`[rules.schedule]`: the times at which tasks are made."""
+
+    max_age_s: PositiveDuration = 60.0
+    """After an outage, the last missed occurrence makes a task if it is not older."""
 
 
 class Per(StrEnum):

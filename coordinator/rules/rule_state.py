@@ -7,8 +7,7 @@ from enum import IntEnum
 
 import msgspec
 
-from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule
-from robrain.coordinator.rules.schedule import ScheduleCondition
+from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule, ScheduleCondition
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import RuleStatus

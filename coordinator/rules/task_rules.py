@@ -14,7 +14,6 @@ from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
-from robrain.coordinator.rules.schedule import Occurrences
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
 from robrain.protocol.border.reading_sieve import ReadingSieve, measured_at_ns
@@ -27,6 +26,7 @@ from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
+from robrain.protocol.model.recurrence import Occurrences
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode

@@ -29,7 +29,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     check_parameters,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
-from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain.protocol.model.zone import NO_ENDING, Zone
 from robrain.protocol.reasons import (
     AfterEnded,
     DeadlinePassed,
@@ -80,7 +80,7 @@ def impossibility(
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
         radius_m: of the smallest robot; 0 if it is unknown.
-        zones: zones for all robots.
+        zones: zones that hold now.
         seen: the known map without zones.
         robots: places of the robots, if known.
 
@@ -219,9 +219,10 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
 def _zone_refusal(
     place: Point2D, zones: Sequence[Zone], seen: "OccupancyGrid | None", robots: Sequence[Point2D], radius_m: float
 ) -> str:
+    zones = [zone for zone in zones if not zone.robots]
     for zone in zones:
-        if zone.kind is ZoneKind.KEEP_OUT and zone.holds(place):
-            return f"({place.x_m:g}, {place.y_m:g}) is in the keep-out zone {zone.name}"
+        if zone.kind in NO_ENDING and zone.holds(place):
+            return f"({place.x_m:g}, {place.y_m:g}) is in the {NO_ENDING[zone.kind]} zone {zone.name}"
     zones = [zone for zone in zones if not zone.is_shut]  # such a door may open again
     if not zones or seen is None:
         return ""

@@ -48,7 +48,7 @@ class TeamMap:
             from robrain.algorithms.mapping.zone_grid import ZoneGrid
 
             if self._zone_grid is None:
-                self._zone_grid = ZoneGrid(self._zones, seen.geometry)
+                self._zone_grid = ZoneGrid([zone for zone in self._zones if not zone.robots], seen.geometry)
             self._zoned = OccupancyGrid(seen.geometry)
             self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -int(OCCUPIED))
             self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
@@ -56,7 +56,7 @@ class TeamMap:
 
     @property
     def zones(self) -> tuple[Zone, ...]:
-        """The zones that bind all robots."""
+        """The zones that hold now."""
         return self._zones
 
     def shut_door_before(self, place: Point2D, robots: Sequence[RobotState], near_m: float) -> DoorShut | None:
@@ -72,7 +72,7 @@ class TeamMap:
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""
-        self._zones = tuple(zone for zone in zones if not zone.robots)
+        self._zones = tuple(zones)
         self._zone_grid = None
         self._zone_changes += 1
 

@@ -97,18 +97,25 @@ class ZoneLayer(MeshLayer):
 
     def _draw(self, view: ShownTeam, now_s: float) -> None:
         super()._draw(view, now_s)
+        zones = view.zones
         self._labels.show(
             {
-                zone.name: (
-                    zone.name if zone.kind is ZoneKind.PLACE else f"{zone.name}: {zone.rule}",
-                    (zone.centre.x_m, zone.centre.y_m, 0.0),
-                )
-                for zone in _zones_of(view)[:ZONE_LABELS]
+                zone.name: (_zone_label(zone, zones), (zone.centre.x_m, zone.centre.y_m, 0.0))
+                for zone in zones.all[:ZONE_LABELS]
             }
         )
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
-        return by_color((color_of(zone), strips(border(zone), ZONE_BORDER_M)) for zone in _zones_of(view))
+        zones = view.zones
+        borders = [(color_of(zone), zone) for zone in zones.zones]
+        borders += [(palette.TASK_WAITING, zone) for zone in zones.off]
+        return by_color((color, strips(border(zone), ZONE_BORDER_M)) for color, zone in borders)
+
+
+def _zone_label(zone: Zone, zones: Zones) -> str:
+    rule = "" if zone.kind is ZoneKind.PLACE else zone.rule
+    words = ", ".join(filter(None, (rule, zones.turn_text(zone))))
+    return f"{zone.name}: {words}" if words else zone.name
 
 
 ZONE_COLORS = {
@@ -117,6 +124,8 @@ ZONE_COLORS = {
     ZoneKind.PENALTY: palette.CHARGER,
     ZoneKind.RESERVED: palette.WARNING,
     ZoneKind.DOOR: palette.CHARGER,
+    ZoneKind.DIRECTED: palette.CHARGER,
+    ZoneKind.NO_STOPPING: palette.WARNING,
     ZoneKind.PLACE: palette.ROUTE,
 }
 
@@ -132,12 +141,8 @@ ZONE_LABELS = 50
 
 def border(zone: Zone) -> Rows:
     """The sides of a zone, float32 (N, 2, 3), metres."""
-    corners = rows([(x_m, y_m, ZONE_Z_M) for x_m, y_m in zone.corners_m])
-    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-
-
-def _zones_of(view: ShownTeam) -> list[Zone]:
-    return next((message.zones for message in view.others.values() if isinstance(message, Zones)), [])
+    sides = zone.sides or ((zone.corners_m[0], zone.corners_m[-1]),)
+    return rows([(x_m, y_m, ZONE_Z_M) for side in sides for x_m, y_m in side]).reshape(-1, 2, 3)
 
 
 class FrontierLayer(MeshLayer):

@@ -31,6 +31,7 @@ from robrain.protocol.messages.robots.host_messages import (
 )
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, FunctionInfo, PluginInfo
 from robrain.protocol.model.geometry import Twist2D
+from robrain.protocol.model.zone import hand_warning
 from robrain.protocol.topic import Query
 from robrain.recording.drawing.labels import natural_key
 
@@ -80,13 +81,26 @@ class HandDrive:
     def step(self) -> None:
         """Show the state of the drive; it continues without this."""
         pilot = self._pilot
-        if pilot is None or not pilot.status or pilot.status == self._shown:
+        if pilot is None or not pilot.status:
             return
-        self._shown = reported = pilot.status
-        if pilot.has_failed:
+        reported, warning = pilot.status, self._warning(pilot.robot)
+        if reported + warning == self._shown:
+            return
+        self._shown = reported + warning
+        if warning:
+            self._show(f"▲ {warning}", "warn")
+        elif pilot.has_failed:
             self._show(f"✕ {pilot.robot}: {reported}", "bad")
         else:
             self._show(f"{'■' if reported == 'stopped' else '▶'} {pilot.robot} {reported}")
+
+    def _warning(self, robot: str) -> str:
+        """Which zone the person breaks who drives the robot, in words; empty if none."""
+        view = self._page.context.view
+        state = view.robots[robot].state if robot in view.robots else None
+        if state is None or state.pose is None:
+            return ""
+        return hand_warning(view.zones.zones, robot, state.pose, state.velocity)
 
     def _arm(self) -> None:
         page, armed = self._page, bool(self._armed.value)

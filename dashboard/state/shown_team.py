@@ -21,6 +21,7 @@ from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaPreparation, ArenaTruth, Scan
 from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE, RecorderState
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, TeamState
+from robrain.protocol.messages.team.zone_messages import Zones
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import TaskState
@@ -109,6 +110,8 @@ class TaskBoard:
 
 
 RATE_WINDOW_S = 4.0
+
+NO_ZONES = Zones(zones=[])
 
 
 class RateMeter:
@@ -223,6 +226,11 @@ class ShownTeam:
         self.topics = tuple(handlers)
         """The topics that `apply` understands."""
         self._handlers = {topic.name: handler for topic, handler in handlers.items()}
+
+    @property
+    def zones(self) -> Zones:
+        """The team's zones, as they were last published."""
+        return next((message for message in self.others.values() if isinstance(message, Zones)), NO_ZONES)
 
     def apply(self, received: Received, now_s: float) -> None:
         """Process a message; other topics are only kept, and a message with impossible values counts as `rejected`."""

@@ -23,10 +23,11 @@ zone_app = typer.Typer(
 
 @zone_app.command("list")
 def list_zones(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
-    """List the team's zones."""
+    """List the team's zones, and when those with times begin or end next."""
     with connect_team(connect, team) as client:
-        zones = client.zones()
-    print_either(zones, [_text_of(zone) for zone in zones] or ["the team has no zones"], as_json=as_json)
+        zones = client.zone_times()
+    lines = [", ".join(filter(None, (_text_of(zone), zones.turn_text(zone)))) for zone in zones.all]
+    print_either(zones.all, lines or ["the team has no zones"], as_json=as_json)
 
 
 @zone_app.command()
@@ -42,6 +43,32 @@ def put(
     zones = read_planning(file, "FILE").zones
     if not zones:
         raise UsageError(f"FILE {file}: expected at least one table [[planning.zones]]")
+    with connect_team(connect, team) as client:
+        known = client.change_zones(*zones)
+    print_either(known, [_text_of(zone) for zone in known], as_json=as_json)
+
+
+@zone_app.command()
+def mask(
+    name: Annotated[str, typer.Argument(help="Name of the zone.")],
+    file: Annotated[Path, typer.Argument(help="YAML file of a mask of Nav2's costmap filters.")],
+    speed: Annotated[
+        tuple[float, float] | None, typer.Option(help="BASE MULTIPLIER of a speed mask. Default: a keep-out mask.")
+    ] = None,
+    fastest_m_s: Annotated[
+        float | None, typer.Option("--percent-of", min=1e-3, help="Its limits are per cent of this speed, m/s.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Add the zones of a Nav2 mask; they replace zones with the same names."""
+    from robrain.sim.maps.zone_masks import SpeedScale, zones_of_mask
+
+    try:
+        zones = zones_of_mask(file, name, None if speed is None else SpeedScale(*speed, fastest_m_s))
+    except ValueError as error:
+        raise UsageError(f"FILE {file}: {error}") from error
     with connect_team(connect, team) as client:
         known = client.change_zones(*zones)
     print_either(known, [_text_of(zone) for zone in known], as_json=as_json)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from robrain.agent.board import Board
+from robrain.algorithms.mapping.zone_grid import LIMIT_AHEAD_M
 from robrain.algorithms.navigation.navigation_grid import Swath
 from robrain.algorithms.navigation.right_of_way import (
     LOOK_AHEAD_M,
@@ -237,10 +239,6 @@ class TravelClaim:
             self._own = msgspec.structs.replace(self._own, cornered=0)
 
 
-LIMIT_AHEAD_M = 1.0
-"""A speed limit is obeyed from this far before its zone (chosen): at 0.6 m/s a robot brakes within 0.6 m."""
-
-
 class Outlet(NamedTuple):
     """Outputs of a leg: to the driver, and to the team."""
 
@@ -250,6 +248,7 @@ class Outlet(NamedTuple):
     localisation: LocalisationInterface
     publish: Callable[[PlannedPath], None]
     view: Callable[[], MapCells]
+    board: Board
 
 
 class Leg:
@@ -325,6 +324,7 @@ class Leg:
         else:
             pose = self._outlet.localisation.pose()
             self._fastest_m_s = zones.fastest_m_s(self.path.ahead(pose.x_m, pose.y_m, LIMIT_AHEAD_M))
+        self._outlet.board.is_slowed = self._fastest_m_s < self._outlet.speed_m_s
         return self._fastest_m_s != was_m_s
 
     def _send(self, until_m: float) -> None:

@@ -57,6 +57,7 @@ Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
 
 UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet")
+IN_ZONE = plain("in_zone", "its place is in a zone where the robot must not stop")
 TROUBLE = {
     TravelState.BLOCKED: "the way is blocked",
     TravelState.DOOR_SHUT: "a door does not open",
@@ -90,8 +91,8 @@ class Run(msgspec.Struct, Generic[P]):
     """Planned length of the path there."""
     home_m: float
     """From the place to the nearest charger."""
-    doors_s: float = 0.0
-    """Time that the doors on the planned path take to open."""
+    delay_s: float = 0.0
+    """Time that doors and speed limits add to the planned path there."""
     own: str = ""
     """The robot's own activity, without a task of the task desk."""
     script: Any = None
@@ -308,14 +309,15 @@ class Errand(Behavior, ABC, Generic[P]):
         if (lost := self.travel.position_lost) is not None:
             return TaskAnswer.refused(lost)
         goal = task.place
+        if not self.travel.may_stay(goal):
+            return TaskAnswer.refused(IN_ZONE)
         path = self.travel.plan(goal)
         if path is None:
             return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
         path_m = length_m([self.travel.place(), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
-        run = Run(
-            task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m, self.travel.doors_s(path)
-        )
+        delay_s = self.travel.doors_s(path) + self.travel.delay_s(self._pace_m_s(), path)
+        run = Run(task, parameters, lambda: self.play(task, parameters), goal, path_m, home_m, delay_s)
         reason = self.refusal(run)
         if reason is not None:
             return TaskAnswer.refused(reason)
@@ -422,12 +424,17 @@ class Errand(Behavior, ABC, Generic[P]):
         work = self.work(run.task, run.parameters)
         if run.there_ns is None:
             straight_m = 0.0 if run.at is None else run.at.distance_m(run.goal)
+            delay_s = run.delay_s
+            if run.at is not None:
+                delay_s = self.travel.doors_left_s + self.travel.delay_s(self._pace_m_s())
             early_s = max(0.0, to_seconds(run.task.earliest_ns - self._now_ns()))
-            doors_s = self.travel.doors_left_s if run.has_begun else run.doors_s
-            return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s + doors_s)
+            return work + Work(path_m=max(straight_m, run.path_m - run.gone_m), wait_s=early_s + delay_s)
         stayed_s = to_seconds(self._now_ns() - run.there_ns)
         left_m = max(0.0, work.path_m - (run.gone_m - run.there_gone_m))
         return msgspec.structs.replace(work, path_m=left_m, wait_s=max(0.0, work.wait_s - stayed_s))
+
+    def _pace_m_s(self) -> float:
+        return 1.0 / self.budget.energy.estimate(Work(path_m=1.0)).duration_s
 
     def _stop_reason(self, run: Run[P]) -> str:
         now_ns = self._now_ns()

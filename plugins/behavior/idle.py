@@ -124,7 +124,7 @@ class IdleBehavior(Behavior):
                 self._travel.find_itself()
 
     def _set_out(self, home: Point2D, now_ns: int) -> None:
-        if self._travel.pose().distance_m(home) < NEAR_M:
+        if self._travel.pose().distance_m(home) < NEAR_M or not self._travel.may_stay(home):
             return
         self._since_ns = now_ns + to_ns(RETRY_S)
         if not self.env.tasks.occupy(self.env.plugin):

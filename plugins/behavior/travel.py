@@ -1,11 +1,13 @@
 """Travel: how a behavior gets to a place. It plans, follows, replans, gives way, and publishes its path to the team."""
 
+import math
 from enum import Enum, auto
 
 import numpy as np
 
 from robrain.agent.environment import Environment
 from robrain.algorithms.navigation.clearance import least_gap_m
+from robrain.algorithms.navigation.reservations import ReservedArea
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release, sample_path
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.area_gate import AreaGate
@@ -19,7 +21,7 @@ from robrain.plugins.unit.teammates import Doing, NearbyRobot, TeammatesInterfac
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedPath
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.claim import Claim
+from robrain.protocol.model.claim import IDLE_S, Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Positive
@@ -46,6 +48,13 @@ ROLL_M = 0.6
 """A robot that is ordered to stop rolls on by less than this."""
 IDLE = Claim()
 """An idle robot yields to every robot with a task."""
+
+LEAVES = Claim(order_s=0.5 * IDLE_S)
+"""A robot that leaves a zone goes before idle ones, which make room."""
+HELD_S = 2.0
+"""Time that a robot that leaves a zone waits for others before it plans again (chosen)."""
+OWN_CELL_M = 0.15
+"""The cell of a robot is open, however near others stand."""
 
 GAP = "gap_m"
 """In the result of a task: the width of the gap that the robot does not fit through."""
@@ -127,6 +136,8 @@ class Travel:
         self._version = -1
         """Version of the map on which the path was last found safe."""
         self._search: LostSearch | None = None
+        self._aside_claim = IDLE
+        """Claim of the leg of an idle robot."""
         self.roams = False
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
         self.gap_m: float | None = None
@@ -151,7 +162,9 @@ class Travel:
         self._paths = env.wire.publisher(ROBOT_PATH, robot=env.robot)
         speed_m_s = self._parameters.speed_m_s
         self._gate = AreaGate(env, self.teammates, self._mapper.view, self.driver.radius_m())
-        self._outlet = Outlet(env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view)
+        self._outlet = Outlet(
+            env.robot, speed_m_s, self.driver, self._localisation, self._paths.put, self._mapper.view, env.board
+        )
 
     @property
     def teammate_near_m(self) -> float:
@@ -229,6 +242,22 @@ class Travel:
                 return path
         return None
 
+    def delay_s(self, pace_m_s: float, path: list[Point2D] | None = None) -> float:
+        """Time that speed limits add to a path from here, by default the one that the robot drives."""
+        zones, place, leg = self.view().zones, self.place(), self._leg
+        if zones is None or (path is None and leg is None):
+            return 0.0
+        if path is not None:
+            ahead = sample_path(np.array([(point.x_m, point.y_m) for point in (place, *path)]), LONGEST_M)
+        elif leg is not None:
+            ahead = leg.path.ahead(place.x_m, place.y_m, LONGEST_M)
+        return zones.delay_s(ahead, STEP_M, pace_m_s)
+
+    def may_stay(self, place: Point2D) -> bool:
+        """Whether no zone forbids the robot to stay at a place."""
+        zones = self.view().zones
+        return zones is None or not zones.forbids_rest(place)
+
     def standpoint(self, place: Point2D, within_m: float) -> Point2D | None:
         """The nearest place from which the robot can see a place; None if walls hide it from there."""
         return self._planner.standpoint(self.view(), place, within_m)
@@ -284,6 +313,8 @@ class Travel:
         self._search = None
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
+            if self._leg is not None and self._leg.path.left_m > 2.0 * self._parameters.arrived_m:
+                self.driver.stop()  # the path leads round something; nobody watches a robot that rolls on
             return TravelState.ARRIVED
         if self._env.tasks.stands:
             if self._leg is not None:
@@ -312,18 +343,20 @@ class Travel:
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         encounter = self._meet(pose, IDLE)
         if leg is not None:
-            if leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
-                self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
+            allowed = leg.guard(encounter, pose)
+            is_held = allowed.positions < 2 and now_ns - self._checked_ns > to_ns(HELD_S)
+            if not is_held and leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M).shape[0] > 2:
+                self._drive(leg, allowed, pose, self._aside_claim)
                 return True
             self.stop()
         self._gate.limit(_here(pose))
         is_due = now_ns - self._checked_ns > to_ns(self._parameters.replan_blocked_s)
         wanted = self._gate.wanted(_here(pose)) if is_due else None
-        out = self._planner.leave_zone(self.view(), self.place(), wanted) if is_due else []
+        out = self._zone_exit(encounter, pose, wanted) if is_due else []
         if out:
-            self._checked_ns = now_ns
+            self._checked_ns, self._aside_claim = now_ns, LEAVES
             leg = self._leg = Leg(self._outlet, pose, out, is_escape=True)
-            self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
+            self._drive(leg, leg.guard(encounter, pose), pose, LEAVES)
             return True
         pressed_by = encounter.pressing(_here(pose), ROOM_S) if is_due else []
         if pressed_by:
@@ -331,9 +364,24 @@ class Travel:
             (presser, *_) = (teammate for teammate in encounter.teammates if teammate.name in pressed_by)
             leg = self._leg = self._refuge(encounter, pose, presser, self._widths())
             if leg is not None:
+                self._aside_claim = IDLE
                 self._drive(leg, leg.guard(encounter, pose), pose, IDLE)
                 return True
         return False
+
+    def _zone_exit(self, encounter: Encounter, pose: Pose2D, area: ReservedArea | None) -> list[Point2D]:
+        """A path out of zones, and out of an area that others wait for.
+
+        It leads past other robots if it can, otherwise to where idle ones have to make room.
+        """
+        margin_m = encounter.radius_m + self._parameters.teammate_margin_m
+        others = [
+            (x_m, y_m, min(reach_m, math.hypot(x_m - pose.x_m, y_m - pose.y_m) - OWN_CELL_M))
+            for doing in Doing
+            for x_m, y_m, reach_m in circles(encounter.teammates, margin_m, doing)
+        ]
+        leave, view, here = self._planner.leave_zone, self.view(), self.place()
+        return leave(view, here, area, others, to_rest=True) or leave(view, here, area, to_rest=True)
 
     def coast(self) -> None:
         """Drop the goal, but let the robot roll on for about a second, because the next goal may come before."""
@@ -533,7 +581,10 @@ class Travel:
                 self._lost_ns = now_ns  # the view from nearer may differ
         # Small steps keep the driver from cutting corners; one that squeezes does not cut them.
         creeps = now_ns < self._creep_until_ns and not leg.is_narrow
-        return _at_most(allowed, CREEP_POSITIONS) if creeps else allowed
+        allowed, zones = _at_most(allowed, CREEP_POSITIONS) if creeps else allowed, self.view().zones
+        if zones is not None and not allowed.is_whole:
+            allowed = _at_most(allowed, zones.waits_at(ahead[: allowed.positions]))
+        return allowed
 
     def _detour(self, leg: Leg, encounter: Encounter, pose: Pose2D, allowed: Release) -> bool:
         """Take another path if it is at most `detour_m` longer and others hold the robot up clearly less on it."""

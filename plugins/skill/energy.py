@@ -56,7 +56,9 @@ class Energy(Skill):
     def step(self) -> None:
         velocity = self._driver.velocity()
         speed_m_s = math.hypot(velocity.forward_m_s, velocity.left_m_s)
-        self._consumption.move(self.env.clock.now_ns(), speed_m_s, abs(velocity.yaw_rad_s))
+        self._consumption.move(
+            self.env.clock.now_ns(), speed_m_s, abs(velocity.yaw_rad_s), is_usual=not self.env.board.is_slowed
+        )
         drawn = self._battery.drawn()
         if drawn is None or drawn.stamp_ns == self._seen_ns:
             return

@@ -8,6 +8,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.agent.plugin import Skill
+from robrain.algorithms.mapping.zone_grid import ZoneGrid
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M, mapped_clearance_m
 from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath, clearance_m
 from robrain.algorithms.navigation.path_planning import distance_field, standpoint
@@ -62,10 +63,19 @@ class PlannerInterface(Protocol):
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way, as of `escape_cells`; None for none."""
 
-    def leave_zone(self, view: MapCells, start: Point2D, area: ReservedArea | None = None) -> list[Point2D]:
+    def leave_zone(
+        self,
+        view: MapCells,
+        start: Point2D,
+        area: ReservedArea | None = None,
+        avoid: Sequence[Circle] = (),
+        *,
+        to_rest: bool = False,
+    ) -> list[Point2D]:
         """Waypoints of the shortest way out of keep-out zones; none if the robot is in none, or cannot leave it.
 
-        The same for an area that the robot is to leave.
+        The same for an area that the robot is to leave. The path avoids circles. With `to_rest` it also leaves
+        no-stopping zones.
         """
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
@@ -125,25 +135,39 @@ class Planner(Skill):
         path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
         return None if path is None else out + path
 
-    def leave_zone(self, view: MapCells, start: Point2D, area: ReservedArea | None = None) -> list[Point2D]:
+    def leave_zone(
+        self,
+        view: MapCells,
+        start: Point2D,
+        area: ReservedArea | None = None,
+        avoid: Sequence[Circle] = (),
+        *,
+        to_rest: bool = False,
+    ) -> list[Point2D]:
         """Waypoints of the shortest way out of keep-out zones, or an area; none if there is none."""
-        if view.zones is None or view.seen is None or not (area or view.zones.shuts(start)):
+        zones, snap_m = view.zones, self.parameters.snap_m
+        if zones is None or view.seen is None:
             return []
-        seen, snap_m = self._make(view, view.seen, is_narrow=True), self.parameters.snap_m
+        is_shut = zones.shuts(start, beside=to_rest)
+        if area is None and not is_shut and not (to_rest and zones.forbids_rest(start)):
+            return []
+        seen = self._make(view, view.seen if is_shut else view.classes, is_narrow=True)
         begin = seen.snap(start, snap_m)
         if begin is None:
             return []
-        costs = distance_field(seen.traversable, seen.cost, np.array([begin], np.int64))
-        is_outside = self._navigation(view).traversable
+        costs = distance_field(seen.without(avoid), seen.cost, np.array([begin], np.int64))
+        is_out = self._navigation(view).traversable
+        if to_rest:
+            is_out = is_out & ~zones.no_rest
         if area is not None:
             reach_m = self._radius_m + LEFT_M
             away_m = clearance_m(area.cells(view.geometry), view.geometry.resolution_m, reach_m)
-            is_outside = is_outside & (away_m >= reach_m)
-        costs = np.where(is_outside, costs, np.inf)
+            is_out = is_out & (away_m >= reach_m)
+        costs = np.where(is_out, costs, np.inf)
         row, column = divmod(int(costs.argmin()), costs.shape[1])
         if not np.isfinite(costs[row, column]):
             return []
-        return seen.path(start, seen.geometry.center_of(row, column), snap_m=snap_m) or []
+        return seen.path(start, seen.geometry.center_of(row, column), snap_m=snap_m, avoid=avoid) or []
 
     def escape(
         self,
@@ -161,7 +185,10 @@ class Planner(Skill):
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
-        cells = escape_cells(grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m, is_late=is_late)
+        no_rest = None if view.zones is None else view.zones.no_rest
+        cells = escape_cells(
+            grid.traversable, grid.geometry, cell, speed_m_s, tracks, apart_m, no_rest, is_late=is_late
+        )
         return None if cells is None else grid.waypoints(cells)
 
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
@@ -189,18 +216,18 @@ class Planner(Skill):
 
     def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
         grid, version = self._grids.get(is_narrow, (None, 0))
-        surcharge = None if view.zones is None else view.zones.surcharge
-        if grid is None or grid.geometry != view.geometry or grid.surcharge is not surcharge:
-            grid = self._make(view, view.classes, is_narrow=is_narrow)
+        if grid is None or grid.geometry != view.geometry or grid.zones is not view.zones:
+            grid = self._make(view, view.classes, is_narrow=is_narrow, zones=view.zones)
         elif version != view.version:
             grid.update(view.classes)
         self._grids[is_narrow] = grid, view.version
         return grid
 
-    def _make(self, view: MapCells, classes: NDArray[np.int8], *, is_narrow: bool) -> NavigationGrid:
+    def _make(
+        self, view: MapCells, classes: NDArray[np.int8], *, is_narrow: bool, zones: ZoneGrid | None = None
+    ) -> NavigationGrid:
         unknown_cost = {"avoid": None, "dear": self.parameters.unknown_cost, "free": 1.0}[self.parameters.unknown]
         preferred_m = self._radius_m + self.parameters.margin_m
         least_m = min(preferred_m, mapped_clearance_m(self._radius_m, view.geometry.resolution_m))
         needed_m = least_m if is_narrow else preferred_m
-        surcharge = None if view.zones is None else view.zones.surcharge
-        return NavigationGrid(classes, view.geometry, needed_m, unknown_cost, preferred_m, surcharge)
+        return NavigationGrid(classes, view.geometry, needed_m, unknown_cost, preferred_m, zones)

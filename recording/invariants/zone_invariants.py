@@ -6,14 +6,13 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, RobotTruth
 from robrain.protocol.messages.team.zone_messages import Zones
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
-from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain.protocol.model.zone import SPEED_SLACK, Zone, ZoneKind
 from robrain.recording.invariants.invariant import Invariant, InvariantJudge, MissingEvidence, Surroundings
 
 NEW_NS = to_ns(3.0)
 """A robot may still enter a keep-out zone, or drive too fast in one with a limit, that is as new as this."""
 LEFT_NS = to_ns(60.0)
 """By then a robot has left a new keep-out zone."""
-SPEED_SLACK = 1.05
 LOST_NS = to_ns(2.0)
 """A robot is judged again from this time after it has found its place or was resumed."""
 

@@ -100,6 +100,19 @@ def load_map(path: Path) -> FloorPlan:
     return FloorPlan(np.flipud(~free), settings.resolution, origin_x_m, origin_y_m, path.stem)
 
 
+def read_occupancy(path: Path) -> tuple[NDArray[np.int64], MapSettings]:
+    """Occupancies as Nav2 reads them (MapError): per cent, −1 for unknown, (H, W), row 0 at the lowest y."""
+    settings = _read_settings(path)
+    low, high, mode = settings.free_thresh, settings.occupied_thresh, settings.mode
+    value, transparent = _read_image(path, path.parent / settings.image, mode, settings.resolution)
+    if mode == "raw":
+        return np.flipud(np.where(value > 100, -1, np.rint(value)).astype(np.int64)), settings
+    occupancy = value / 255 if settings.negate else 1 - value / 255
+    between = -1.0 if mode == "trinary" else np.rint(100 * (occupancy - low) / max(high - low, 1e-9))
+    percent = np.where(occupancy >= high, 100, np.where(occupancy <= low, 0, between))
+    return np.flipud(np.where(transparent & (mode == "scale"), -1, percent).astype(np.int64)), settings
+
+
 def _read_settings(path: Path) -> MapSettings:
     try:
         with path.open("rb") as file:

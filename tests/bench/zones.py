@@ -6,7 +6,7 @@
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -44,6 +44,7 @@ def _zone(rng: np.random.Generator, name: str, centre: Point2D, kind: ZoneKind) 
         ),
         speed_m_s=float(rng.choice(LIMITS_M_S)) if kind is ZoneKind.SPEED_LIMIT else None,
         cost_m=5.0 if kind is ZoneKind.PENALTY else None,
+        direction_rad=turn_rad if kind is ZoneKind.DIRECTED else None,
     )
 
 
@@ -53,8 +54,20 @@ def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
     return plan.centre_of(row, column)
 
 
-def _zones(rng: np.random.Generator, world: World, prefix: str) -> list[Zone]:
-    kinds = [*(kind for kind in ZoneKind if kind is not ZoneKind.DOOR), ZoneKind.KEEP_OUT]
+KINDS = (
+    ZoneKind.KEEP_OUT,
+    ZoneKind.SPEED_LIMIT,
+    ZoneKind.PENALTY,
+    ZoneKind.RESERVED,
+    ZoneKind.PLACE,
+    ZoneKind.KEEP_OUT,
+)
+LATER_KINDS = (ZoneKind.DIRECTED, ZoneKind.NO_STOPPING)
+"""From random numbers of their own, so that the other zones are those of earlier versions."""
+POLL_S, AGAINST_M, STANDS_M, STAYS_S = 0.5, 0.1, 0.01, 10.0
+
+
+def _zones(rng: np.random.Generator, world: World, prefix: str, kinds: Sequence[ZoneKind] = KINDS) -> list[Zone]:
     return [_zone(rng, f"{prefix}{kind}{number}", _place(rng, world.plan), kind) for number, kind in enumerate(kinds)]
 
 
@@ -78,7 +91,8 @@ def run_set(number: int) -> Counter[str]:
         team.run_for(CHANGE_S - BEGIN_S)
         body = run.arena.bodies[int(rng.integers(robots))]
         others = [*_zones(rng, world, "b-"), _zone(rng, "here", Point2D(body.x_m, body.y_m), ZoneKind.KEEP_OUT)]
-        zones = team.change_zones(*others, remove=[zone.name for zone in zones[:2]])
+        later = _zones(np.random.default_rng([number, 43]), world, "c-", LATER_KINDS)
+        zones = team.change_zones(*others, *later, remove=[zone.name for zone in zones[:2]])
         shut = [zone for zone in zones if zone.kind is ZoneKind.KEEP_OUT]
         inside = {
             index
@@ -93,7 +107,8 @@ def run_set(number: int) -> Counter[str]:
                 found["accepted in a zone"] += bool(names)
             except CallError as error:
                 found["refused"] += any(zone.name in str(error) for zone in shut)
-        team.run_for(END_S - CHANGE_S)
+        stood_s = _follow(run, team, *later, shut, found)
+        found["stays"] += sum(each_s >= STAYS_S for each_s in stood_s)
         for index in inside:
             place = Point2D(run.arena.bodies[index].x_m, run.arena.bodies[index].y_m)
             found["left"] += not any(zone.holds(place) for zone in shut)
@@ -103,6 +118,31 @@ def run_set(number: int) -> Counter[str]:
     finally:
         run.close()
     return found
+
+
+def _follow(
+    run: LockstepRun, team: Team, one_way: Zone, no_stopping: Zone, shut: list[Zone], found: Counter[str]
+) -> list[float]:
+    """Run to the end; counts motion against the one-way zone, and returns how long each robot stands in the other.
+
+    A robot that leaves a keep-out zone may drive against the direction.
+    """
+    direction_rad = one_way.direction_rad or 0.0
+    along = math.cos(direction_rad), math.sin(direction_rad)
+    last = [Point2D(each.x_m, each.y_m) for each in run.arena.bodies]
+    stood_s = [0.0 for _ in last]
+    for _ in range(round((END_S - CHANGE_S) / POLL_S)):
+        team.run_for(POLL_S)
+        now = [Point2D(each.x_m, each.y_m) for each in run.arena.bodies]
+        for index, (place, before) in enumerate(zip(now, last, strict=True)):
+            moved_m = (place.x_m - before.x_m) * along[0] + (place.y_m - before.y_m) * along[1]
+            is_leaving = any(zone.holds(before) for zone in shut)
+            is_inside = one_way.holds(place) and one_way.holds(before) and not is_leaving
+            found["against"] += is_inside and moved_m < -AGAINST_M
+            stands = no_stopping.holds(place) and place.distance_m(before) < STANDS_M
+            stood_s[index] = stood_s[index] + POLL_S if stands else 0.0
+        last = now
+    return stood_s
 
 
 def figures(sets: int) -> Iterator[Figure]:
@@ -115,6 +155,8 @@ def figures(sets: int) -> Iterator[Figure]:
     share = 100.0 * found["left"] / max(1, found["inside"])
     beside = f"{found['inside']} robots"
     yield deterministic(f"{sets} sets: robots in new zones that left within 25 s", share, "%", at_least(100), beside)
+    yield deterministic(f"{sets} sets: moves of 0.5 s against a one-way zone", found["against"], "", at_most(0))
+    yield deterministic(f"{sets} sets: robots that stand in a no-stopping zone", found["stays"], "", at_most(0))
     yield deterministic(f"{sets} sets: tasks accepted in keep-out zones", found["accepted in a zone"], "", at_most(0))
     yield deterministic(f"{sets} sets: tasks refused with the zone's name", found["refused"])
     yield deterministic(f"{sets} sets: collisions", found["collisions"], "", at_most(0))

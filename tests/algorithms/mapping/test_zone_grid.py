@@ -30,6 +30,7 @@ def slow(speed_m_s, corners_m=SQUARE):
     [
         ({"kind": ZoneKind.SPEED_LIMIT}, "zone z: expected speed_m_s with kind = 'speed_limit'"),
         ({"kind": ZoneKind.KEEP_OUT, "cost_m": 2.0}, "zone z: expected no cost_m"),
+        ({"kind": ZoneKind.DIRECTED}, "zone z: expected direction_rad with kind = 'one_way'"),
         ({"kind": ZoneKind.KEEP_OUT, "corners_m": ((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))}, "expected corners_m around"),
     ],
 )
@@ -60,6 +61,43 @@ def test_a_cell_is_in_a_zone_if_the_zone_holds_its_centre(corners):
     inside = cells_in(zone, GEOMETRY)
     for row, column in np.ndindex(inside.shape):
         assert inside[row, column] == zone.holds(GEOMETRY.center_of(row, column))
+
+
+@pytest.mark.parametrize("tiny", [2.2e-313, 5e-324, 1e-300])
+def test_a_side_that_is_almost_level_is_on_both_sides_of_no_place(tiny):
+    zone = keep_out(corners_m=((0.0, 1.0), (0.0, tiny), (1.0, 0.0)))
+    inside = cells_in(zone, GEOMETRY)
+    for row, column in np.ndindex(inside.shape):
+        assert inside[row, column] == zone.holds(GEOMETRY.center_of(row, column))
+    assert inside.any()
+
+
+def test_a_side_that_is_passed_twice_does_not_count():
+    """Two squares with a bridge between them, the second with a hole."""
+    near, far = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)), ((1.5, -1.5), (2.5, -1.5), (2.5, 1.5), (1.5, 1.5))
+    hole = ((1.75, -0.5), (1.75, 0.5), (2.25, 0.5), (2.25, -0.5))
+    zone = keep_out(corners_m=(*near, near[0], *far, far[0], *hole, hole[0], far[0], near[0]))
+    assert len(zone.sides) == 12
+    assert zone.area_m2 == pytest.approx(1.0 + 3.0 - 0.5)
+    held = [zone.holds(Point2D(x_m, 0.25)) for x_m in (0.5, 1.25, 1.6, 2.0, 2.4, 2.6)]
+    assert held == [True, False, True, False, True, False]
+
+
+def test_a_robot_waits_before_a_zone_without_stopping():
+    quick = Zone(name="quick", kind=ZoneKind.NO_STOPPING, corners_m=SQUARE)
+    grid = ZoneGrid([quick], GEOMETRY)
+    ahead = np.array([(x_m, 0.5) for x_m in (-0.5, -0.3, 0.3, 0.9, 1.5, 2.4)])
+    assert [grid.waits_at(ahead[:count]) for count in (2, 3, 5, 6)] == [2, 2, 2, 6]
+    assert grid.waits_at(ahead[2:4]) == 2  # it is inside, so it drives on
+    assert grid.forbids_rest(Point2D(1.0, 0.5))
+    assert not grid.shuts(Point2D(1.0, 0.5))
+
+
+def test_limits_delay_from_a_metre_before_their_zone():
+    grid = ZoneGrid([slow(0.1, ((0.0, -2.0), (1.0, -2.0), (1.0, 2.0), (0.0, 2.0)))], GEOMETRY)
+    ahead = np.array([(-2.5 + 0.1 * k, 0.0) for k in range(50)])
+    assert grid.delay_s(ahead, 0.1, 0.5) == pytest.approx(2.0 / 0.1 - 2.0 / 0.5, rel=0.1)
+    assert grid.delay_s(ahead[40:], 0.1, 0.5) == 0.0
 
 
 def test_the_lowest_limit_on_the_way_counts():

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.navigation.path_planning import (
     distance_field,
+    measured_field,
     nearest_traversable,
     plan_path,
     round_corners,
     shorten_path,
+    steps_against,
 )
 
 OPEN = np.ones((12, 16), np.bool_)
@@ -130,3 +132,38 @@ def test_corner_is_kept_if_its_sides_are_short_or_the_cut_would_leave_the_floor(
     corridor[0], corridor[:, 12] = True, True
     bent = np.array([[0, 0], [0, 12], [16, 12]], np.int32)
     assert round_corners(bent, corridor).tolist() == bent.tolist()
+
+
+@pytest.mark.parametrize("direction_rad", [0.0, 0.5, math.pi / 2, 2.5, math.pi])
+def test_no_step_leads_against_a_one_way_area(direction_rad):
+    """A band across the middle; above row 12 is a way round it."""
+    mask = np.zeros((20, 30), np.bool_)
+    mask[:12, 10:20] = True
+    shut_steps = steps_against([(mask, direction_rad)], mask.shape)
+    free, cost = np.ones(mask.shape, np.bool_), np.ones(mask.shape, np.float32)
+    for start, goal in (((5, 2), (5, 27)), ((5, 27), (5, 2)), ((5, 27), (5, 19)), ((5, 2), (5, 10))):
+        path = plan_path(free, cost, start, goal, shut_steps)
+        assert path is not None
+        for one, other in pairwise(path.tolist()):
+            along = (other[1] - one[1]) * math.cos(direction_rad) + (other[0] - one[0]) * math.sin(direction_rad)
+            assert along > -1e-6 or not (mask[tuple(one)] or mask[tuple(other)])
+    forth, back = (plan_path(free, cost, *ends, shut_steps) for ends in (((5, 2), (5, 27)), ((5, 27), (5, 2))))
+    assert (mask[tuple(forth.T)].any(), mask[tuple(back.T)].any()) == (
+        math.cos(direction_rad) > -1e-6,
+        math.cos(direction_rad) < 1e-6,
+    )
+
+
+def test_lengths_are_measured_along_the_cheapest_paths():
+    """The cheap way round is 17 cells longer than the way through, whose cells cost nothing extra when measured."""
+    free, ones = np.ones((9, 20), np.bool_), np.ones((9, 20), np.float32)
+    cost = ones.copy()
+    cost[:, 8:12] = 5.0
+    source = np.array([(4, 0)])
+    field = distance_field(free, cost, source)
+    assert field[4, 19] > 30
+    assert measured_field(field, free, cost, ones)[4, 19] == 19.0
+    cost[0, 8:12] = 1.0
+    through_gap = measured_field(distance_field(free, cost, source), free, cost, ones)[4, 19]
+    assert through_gap == pytest.approx(distance_field(free, cost, source)[4, 19], rel=1e-6)
+    assert through_gap > 19.0

@@ -7,14 +7,21 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
+from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.tasks.task_messages import TASK_SUBMIT, TaskSubmission
 from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition, DoorState
-from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, COORDINATOR_ZONES_CHANGE, ZoneChange, Zones
+from robrain.protocol.messages.team.zone_messages import (
+    COORDINATOR_ZONES,
+    COORDINATOR_ZONES_CHANGE,
+    ZoneChange,
+    Zones,
+    ZoneTurn,
+)
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind, ZoneTable
+from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind, ZoneTable, ZoneTimes
 
 
 def box(name, x0, y0, x1, y1, kind=ZoneKind.KEEP_OUT, **fields):
@@ -60,6 +67,9 @@ def test_zones_are_added_replaced_and_removed(team):
         change(team, *(box(f"z{number}", 0.0, 0.0, 1.0, 1.0) for number in range(ZONES_MAX)))
     with pytest.raises(CallError, match="got middle twice"):
         change(team, MIDDLE, MIDDLE)
+    many = ((1.0, 0.0), *((0.0, 0.01 * number) for number in range(4095)))
+    with pytest.raises(CallError, match="at most 16384 corners of all zones together, got 20484"):
+        change(team, *(msgspec.structs.replace(CORNER, name=f"z{number}", corners_m=many) for number in range(5)))
     assert change(team) == [MIDDLE]
 
 
@@ -132,3 +142,78 @@ def test_a_door_that_has_failed_or_is_silent_is_shut_until_it_reports_again(team
     assert is_shut(1.0, DoorPosition.FAILED)
     assert not is_shut(20.0, DoorPosition.OPEN)
     assert is_shut(12.0)
+
+
+EACH_MINUTE = ZoneTimes(rrule="FREQ=MINUTELY", duration_s=20.0)
+
+
+def published(team, inbox):
+    """The names of the zones that hold and of the others, and the next changes in seconds, as last published."""
+    *_, last = inbox.drain()
+    zones = last.message
+    assert all(zone.times is None for zone in zones.all)
+    turns_s = {turn.zone: turn.at_ns / 1e9 for turn in zones.turns}
+    return [zone.name for zone in zones.zones], [zone.name for zone in zones.off], turns_s
+
+
+def test_a_zone_with_times_holds_only_then(team):
+    """The team's clock begins at 0, on a full minute."""
+    school = msgspec.structs.replace(CORNER, times=EACH_MINUTE)
+    team.begin(None, PlanningPolicy(zones=(table(school), table(MIDDLE))))
+    team.settle("r1", 8.5, 4.0)
+    inbox = Inbox()
+    team.asker.subscribe(inbox, COORDINATOR_ZONES)
+    team.run(3.0)
+    assert published(team, inbox) == (["corner", "middle"], [], {"corner": 20.0})
+    assert refusal(team, 4.0, 4.0).endswith("is in the keep-out zone corner")
+    team.run(18.0)
+    assert published(team, inbox) == (["middle"], ["corner"], {"corner": 60.0})
+    answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
+    assert (answer.zones, answer.off) == ([MIDDLE], [school])
+    assert answer.turn_text(school).startswith("from 1970-01-0")
+    assert answer.turn_text(MIDDLE) == ""
+    change(team, remove=["middle"])
+    team.ask(TASK_SUBMIT, task(4.0, 4.0))
+    team.run(40.0)
+    assert published(team, inbox) == (["corner"], [], {"corner": 80.0})
+
+
+def test_a_zone_that_began_before_the_coordinator_holds(team):
+    team.run(0.0)
+    team.clock.advance_to(to_ns(25 * 3600.0))
+    nightly = ZoneTimes(rrule="FREQ=DAILY;BYHOUR=23;BYMINUTE=0;BYSECOND=0", duration_s=4 * 3600.0)
+    team.begin(None, PlanningPolicy(zones=(table(msgspec.structs.replace(CORNER, times=nightly)),)))
+    answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
+    assert ([zone.name for zone in answer.zones], answer.turns) == (
+        ["corner"],
+        [ZoneTurn("corner", to_ns(27 * 3600.0))],
+    )
+
+
+def test_times_that_are_no_rule_are_refused():
+    with pytest.raises(ValueError, match="expected rrule with FREQ"):
+        ZoneTimes(rrule="FREQ=SECONDLY", duration_s=20.0)
+
+
+def test_a_zone_for_a_type_of_robot_names_the_robots_that_have_its_plugin(team):
+    fork = msgspec.structs.replace(MIDDLE, robots=("fork", "r3"))
+    team.begin(None, PlanningPolicy(zones=(table(fork),)))
+    inbox = Inbox()
+    team.asker.subscribe(inbox, COORDINATOR_ZONES)
+    lifter = team.settle("r1", 8.5, 4.0)
+    team.robot("r2", 5.0, 5.0)
+    lifter.plugins = ["explore", "visit", "fork"]
+    team.run(12.0)
+    *_, last = inbox.drain()
+    assert [zone.robots for zone in last.message.zones] == [("fork", "r3", "r1")]
+    assert [last.message.zones[0].binds(robot) for robot in ("r1", "r2", "r3")] == [True, False, True]
+    assert change(team) == [fork]
+
+
+def test_a_task_in_a_zone_without_stopping_is_refused_with_its_name(team):
+    team.begin(None)
+    team.settle("r1", 8.5, 4.0)
+    change(team, box("quick", 3.0, 3.0, 4.5, 4.5, ZoneKind.NO_STOPPING))
+    assert refusal(team, 4.0, 4.0).endswith("(4, 4) is in the no-stopping zone quick")
+    change(team, box("quick", 3.0, 3.0, 4.5, 4.5, ZoneKind.NO_STOPPING, robots=("r2",)))
+    team.ask(TASK_SUBMIT, task(4.0, 4.0))

@@ -23,6 +23,7 @@ from robrain.coordinator.planning.snapshot import Floor
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.zone import Zone, ZoneKind
 from tests.coordinator.planning.worlds import model
 
 GEOMETRY = GridGeometry(0.1, 0.0, 0.0, 100, 60)
@@ -159,3 +160,50 @@ def test_lengths_come_back_as_they_were(places, chance):
             from_deltas(packed[:-1], places)
         with pytest.raises(ValueError, match="order"):
             from_deltas(packed[4:8] + packed[4:], places)
+
+
+HALL = np.full(GEOMETRY.shape, FREE, np.int8)
+LEFT, RIGHT = Point2D(1.05, 3.05), Point2D(9.05, 3.05)
+
+
+def lengths_across(robot, *zones, pace_m_s=0.5):
+    """Path length from the left to the right of an open hall of 10 × 6 m."""
+    paths = PathLengths(Floor(HALL, GEOMETRY, 1, zones), 0.3, 1.5)
+    return paths.of(robot, pace_m_s).lengths_m([LEFT, RIGHT], [])[0, 1]
+
+
+def strip(kind, y1=6.0, **fields):
+    corners_m = ((4.0, 0.0), (6.0, 0.0), (6.0, y1), (4.0, y1))
+    return Zone(name=kind, kind=kind, corners_m=corners_m, **fields)
+
+
+def test_a_metre_with_a_speed_limit_counts_as_the_metres_of_the_same_time():
+    """A robot slows down before the strip of 2 m, so it drives 3 m at the limit."""
+    slow = strip(ZoneKind.SPEED_LIMIT, speed_m_s=0.1)
+    for pace_m_s in (0.3, 0.5):
+        seconds = lengths_across("r1", slow, pace_m_s=pace_m_s) / pace_m_s
+        assert seconds == pytest.approx(5.0 / pace_m_s + 3.0 / 0.1, rel=0.05)
+    assert lengths_across("r1", strip(ZoneKind.SPEED_LIMIT, speed_m_s=0.6)) == pytest.approx(8.0, abs=0.1)
+
+
+def test_a_penalty_leads_round_a_zone_and_does_not_count_inside():
+    avoided = strip(ZoneKind.PENALTY, y1=4.5, cost_m=5.0)
+    assert 8.7 < lengths_across("r1", avoided) < 10.5
+    assert lengths_across("r1", strip(ZoneKind.PENALTY, cost_m=5.0)) == pytest.approx(8.0, abs=0.1)
+
+
+def test_zones_of_single_robots_change_their_lengths_alone():
+    shut = strip(ZoneKind.KEEP_OUT, robots=("r1",))
+    assert np.isinf(lengths_across("r1", shut))
+    assert lengths_across("r2", shut) == pytest.approx(8.0, abs=0.1)
+
+
+def test_robots_with_different_lengths_have_tables_of_their_own():
+    tables_m = [np.array([[0.0, length_m], [length_m, 0.0]]) for length_m in (1.0, np.inf)]
+    profiles = (Profile(2.0, 10.0, 0.5), Profile(2.0, 10.0, 0.5, 1))
+    paths_cm = b"".join(map(encode_lengths, tables_m))
+    asked = ProblemRecord(jobs=(), workers=(), profiles=profiles, places=2, paths_cm=paths_cm)
+    assert decode(asked.encode()) == asked
+    assert asked.problem().time_s[:, 0, 1].tolist() == [0.5, np.inf]
+    assert asked.problem().energy_j[:, 0, 1].tolist() == [12.0, np.inf]
+    assert kinds_of(profiles) == ([*profiles], [0, 1])

@@ -81,6 +81,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("robot hold", ["r1"], WORKS),
     ("robot release", ["r1"], WORKS),
     ("zone put", ["zones.toml"], "navigation"),
+    ("zone mask", ["dock", "mask.yaml"], "navigation"),
     ("machine-files", ["machine"], WORKS),
     ("journal backup", [], WORKS),
     ("metrics", [], "metrics"),

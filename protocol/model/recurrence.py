@@ -1,4 +1,4 @@
-"""Schedules of rules: the times of a recurrence rule of RFC 5545."""
+"""Times of a recurrence rule of RFC 5545."""
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta
@@ -7,19 +7,19 @@ from zoneinfo import ZoneInfo
 
 from msgspec import Meta
 
-from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import PositiveDuration, Text
+from robrain.protocol.model.ranges import Text
 
+NS_PER_S = 1_000_000_000
 STEPS = {"MINUTELY": timedelta(minutes=1), "HOURLY": timedelta(hours=1)}
 """Step of frequencies with many occurrences a day."""
 BACK = timedelta(days=8)
-"""Their occurrences are counted from this long before the coordinator's start."""
+"""Their occurrences are counted from this long before the start."""
 FREQUENCIES = (*STEPS, "DAILY", "WEEKLY", "MONTHLY", "YEARLY")
 
 
-class ScheduleCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[rules.schedule]`: the times at which tasks are made."""
+class Recurrence(Checked, frozen=True, kw_only=True):
+    """Times that a rule of a calendar gives."""
 
     rrule: Text
     """Recurrence rule of RFC 5545, such as `FREQ=WEEKLY;BYDAY=MO,FR;BYHOUR=8;BYMINUTE=0`; no `FREQ=SECONDLY`."""
@@ -29,8 +29,6 @@ class ScheduleCondition(Checked, frozen=True, kw_only=True, forbid_unknown_field
     """IANA name of the zone of all local times, such as `Europe/Berlin`."""
     except_dates: Annotated[tuple[Text, ...], Meta(max_length=1000)] = ()
     """Occurrences that are left out (EXDATE), local times."""
-    max_age_s: PositiveDuration = 60.0
-    """After an outage, the last missed occurrence makes a task if it is not older."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -38,19 +36,19 @@ class ScheduleCondition(Checked, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Occurrences:
-    """The occurrences of a schedule, in order.
+    """The occurrences of a recurrence, in order.
 
     Args:
-        condition: the schedule.
-        now_ns: the time.
+        condition: the recurrence.
+        now_ns: the time of the start.
 
     Raises:
         ValueError: its rule, a date or the time zone is not valid.
 
     """
 
-    def __init__(self, condition: ScheduleCondition, now_ns: int) -> None:
-        from dateutil.rrule import rrulestr  # rules without a schedule do without it
+    def __init__(self, condition: Recurrence, now_ns: int) -> None:
+        from dateutil.rrule import rrulestr  # a team without schedules does without it
 
         try:
             self._zone = ZoneInfo(condition.time_zone)
@@ -61,7 +59,7 @@ class Occurrences:
         if frequency not in FREQUENCIES or not interval.isdecimal() or not 1 <= int(interval) <= 10_000:
             expected = f"FREQ of {', '.join(FREQUENCIES)} and INTERVAL from 1 to 10000"
             raise ValueError(f"expected rrule with {expected}, got {condition.rrule}")
-        now = datetime.fromtimestamp(to_seconds(now_ns), self._zone).replace(tzinfo=None)
+        now = datetime.fromtimestamp(now_ns / NS_PER_S, self._zone).replace(tzinfo=None)
         begins = (
             _local(condition.begins) if condition.begins else now.replace(hour=0, minute=0, second=0, microsecond=0)
         )
@@ -88,12 +86,12 @@ class Occurrences:
 
     def text_of(self, occurrence_ns: int) -> str:
         """Local time of an occurrence."""
-        return f"{datetime.fromtimestamp(to_seconds(occurrence_ns), self._zone):%Y-%m-%d %H:%M:%S}"
+        return f"{datetime.fromtimestamp(occurrence_ns / NS_PER_S, self._zone):%Y-%m-%d %H:%M:%S}"
 
     def _advance(self) -> None:
         for local in self._left:
             if local not in self._left_out:
-                self.next_ns = to_ns(local.replace(tzinfo=self._zone).timestamp())
+                self.next_ns = round(NS_PER_S * local.replace(tzinfo=self._zone).timestamp())
                 return
         self.next_ns = None
 
