@@ -36,7 +36,8 @@ REQUIRED: tuple[tuple[WireKey, str], ...] = (
      "Declares the token once all queries are answered. The robot is gone without it."),
     (ROBOT_STATE,
      ("Publishes ten times a second. `task` is the last accepted task with its epoch, and stays after its "
-     "end until the next one begins. `next_task` is absent unless it accepts offers with `after`.")),
+     "end until the next one begins. `next_task` is absent unless it accepts offers with `after`, "
+        "`reservations` unless it obeys reserved zones.")),
     (ROBOT_PATH,
      ("Publishes the path that it follows when the path changes, and an empty one when it stands. Other "
      "robots give way by it.")),
