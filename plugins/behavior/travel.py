@@ -311,7 +311,7 @@ class Travel:
         pose, now_ns = self.pose(), self._env.clock.now_ns()
         if self._end is not None and pose.distance_m(self._end) < self._parameters.arrived_m:
             return TravelState.ARRIVED
-        if self._env.tasks.stands:
+        if self._env.tasks.is_paused:
             if self._leg is not None:
                 self._leg.stop(self._travel_claim.claim)
             return TravelState.WAITING
