@@ -123,7 +123,7 @@ class RobotTasks:
         """Time when another participant last vouched for the robot's tasks, as a coordinator does by its messages."""
         self.coordinator_ahead_ns = 0
         """How far the coordinator's clock is ahead of the robot's; 0 unless they differ."""
-        self.stands = False
+        self.is_paused = False
         """Whether an operator has paused the robot: behaviors do not drive on."""
         self._epoch = 0
         self._lease_ns = 0
@@ -172,7 +172,7 @@ class RobotTasks:
         """
         for mine in summary.robots:
             if mine.name == robot:
-                self.stands = isinstance(mine.out, OutOfService) and mine.out.stands
+                self.is_paused = isinstance(mine.out, OutOfService) and mine.out.paused
                 if not isinstance(mine.out, NoState):
                     self.coordinator_seen_ns = now_ns - to_ns(mine.age_s)
                 elif summary.seq < FIRST_SUMMARIES:

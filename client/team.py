@@ -421,7 +421,7 @@ class Team(RobotCalls):
         reason: str = "",
         *,
         gives_back: bool = False,
-        stands: bool = False,
+        pauses: bool = False,
         place: Point2D | Sequence[float] | str | None = None,
         retires: bool = False,
     ) -> None:
@@ -431,7 +431,7 @@ class Team(RobotCalls):
             robot: its name.
             reason: why, for people.
             gives_back: whether it gives its task back at once, for other robots; otherwise it finishes the task.
-            stands: whether it stops where it is instead, and continues its task once it is released.
+            pauses: whether it stops where it is instead, and continues its task once it is released.
             place: where it drives then, as for a task; None if it stays.
             retires: whether the team forgets the robot once it has left the network.
 
@@ -445,7 +445,7 @@ class Team(RobotCalls):
         elif place is not None and not isinstance(place, Point2D):
             place = Point2D(*place)
         hold = ServiceHold(
-            robot=robot, reason=reason, gives_back=gives_back, stands=stands, place=place, retires=retires, by=self.by
+            robot=robot, reason=reason, gives_back=gives_back, pauses=pauses, place=place, retires=retires, by=self.by
         )
         self._requests.coordinator(COORDINATOR_HOLD_ROBOT, hold)
 

@@ -219,12 +219,12 @@ class OutOfService(Reason, frozen=True, tag="out_of_service"):
     """Name of the operator."""
     why: Text = ""
     """For people."""
-    stands: bool = False
+    paused: bool = False
     """Whether it stays where it is, with its task, until it is released."""
 
     def __str__(self) -> str:
         by = f" by {self.by}" if self.by else ""
-        return f"{'paused' if self.stands else 'out of service'}{by}{f': {self.why}' if self.why else ''}"
+        return f"{'paused' if self.paused else 'out of service'}{by}{f': {self.why}' if self.why else ''}"
 
 
 Unavailable = Gone | NoState | PlainReason

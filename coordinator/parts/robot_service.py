@@ -105,4 +105,4 @@ class RobotService(CoordinatorPart):
 
 
 def _reason(hold: ServiceHold) -> OutOfService:
-    return OutOfService(by=hold.by, why=hold.reason, stands=hold.stands)
+    return OutOfService(by=hold.by, why=hold.reason, paused=hold.pauses)

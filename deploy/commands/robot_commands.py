@@ -43,7 +43,7 @@ def pause(
 ) -> None:
     """Stop a robot where it is until it is resumed: it keeps its task. This is no emergency halt."""
     with connect_team(connect, team) as client:
-        client.hold_robot(robot, reason, stands=True)
+        client.hold_robot(robot, reason, pauses=True)
     print_result(f"{robot}: paused")
 
 

@@ -316,7 +316,7 @@ class Travel:
             if self._leg is not None and self._leg.path.left_m > 2.0 * self._parameters.arrived_m:
                 self.driver.stop()  # the path leads round something; nobody watches a robot that rolls on
             return TravelState.ARRIVED
-        if self._env.tasks.stands:
+        if self._env.tasks.is_paused:
             if self._leg is not None:
                 self._leg.stop(self._travel_claim.claim)
             return TravelState.WAITING

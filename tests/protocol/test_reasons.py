@@ -53,7 +53,7 @@ def example(kind: Any) -> Any:
     kind = kind.__origin__ if hasattr(kind, "__metadata__") else kind
     if getattr(kind, "__origin__", None) is dict:
         return {"a": "b"}
-    by_type = {str: "a", int: 3, float: 0.5, Point2D: Point2D(1.0, 2.0), TaskState: TaskState.FAILED}
+    by_type = {str: "a", bool: True, int: 3, float: 0.5, Point2D: Point2D(1.0, 2.0), TaskState: TaskState.FAILED}
     return example(get_args(kind)[0]) if get_args(kind) else by_type[kind]
 
 

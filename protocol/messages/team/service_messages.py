@@ -17,7 +17,7 @@ class ServiceHold(msgspec.Struct, frozen=True, kw_only=True):
     reason: Text = ""
     gives_back: bool = False
     """Whether it gives its task back at once, for other robots; otherwise it finishes the task."""
-    stands: bool = False
+    pauses: bool = False
     """Whether it stops where it is, keeps its task, and continues once it is released."""
     place: Point2D | None = None
     """Where it drives then, arena frame; None if it stays."""

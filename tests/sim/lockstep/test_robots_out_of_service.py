@@ -56,7 +56,7 @@ def test_a_paused_robot_stands_keeps_its_task_and_continues_also_after_a_restart
         team.run_for(3.0)
         robot = team.get(task).robot
         body = run.arena.bodies[int(robot[1:]) - 1]
-        team.hold_robot(robot, "people on the floor", stands=True)
+        team.hold_robot(robot, "people on the floor", pauses=True)
         team.run_for(2.0)
         place, epoch = Point2D(body.x_m, body.y_m), team.get(task).epoch
         assert place.distance_m(Point2D(9.0, 5.0)) > 1.0
