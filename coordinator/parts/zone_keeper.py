@@ -3,10 +3,9 @@
 import msgspec
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.parts.changed_table import ChangedTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
-from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES,
     COORDINATOR_ZONES_CHANGE,
@@ -37,8 +36,9 @@ class ZoneKeeper(CoordinatorPart):
 
     def __init__(self, core: Core) -> None:
         super().__init__(core)
+        changes = self.stored(ZoneChanges).zones
+        self._table = ChangedTable("zone", changes, check_zones, lambda zones: self.store(ZoneChanges(zones=zones)))
         self._zones: dict[str, Zone] = {}
-        self._changes = self.stored(ZoneChanges).zones
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
@@ -48,10 +48,9 @@ class ZoneKeeper(CoordinatorPart):
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
-        zones = {zone.name: _plain(zone) for zone in policy.zones} | self._changes
-        kept = {name: zone for name, zone in zones.items() if zone is not None}
-        if kept != self._zones:
-            self._set(kept)
+        self._table.load(map(_plain, policy.zones))
+        if self._table.rows != self._zones:
+            self._apply()
 
     def publish(self, now_ns: int) -> None:
         """Publish all zones, if that is due."""
@@ -60,30 +59,16 @@ class ZoneKeeper(CoordinatorPart):
             self._publisher.put(self._message())
 
     def _change(self, request: Request[ZoneChange]) -> Zones:
-        asked = request.asked
-        if unknown := [name for name in asked.remove if name not in self._zones]:
-            known = ", ".join(self._zones) or "none"
-            raise CallError(ErrorCode.REFUSED, f"there is no zone {unknown[0]}; known are {known}")
-        changes = dict.fromkeys(asked.remove) | {zone.name: zone for zone in asked.put}
-        zones = {name: zone for name, zone in (self._zones | changes).items() if zone is not None}
-        try:
-            check_zones([*zones.values()])
-            check_zones(asked.put)
-            if changes:
-                self.store(ZoneChanges(zones=self._changes | changes))
-        except (ValueError, JournalUnwritable) as error:
-            raise CallError(ErrorCode.REFUSED, str(error)) from error
-        if changes:
-            self._changes |= changes
-            self._set(zones)
+        if self._table.change(request.asked.put, request.asked.remove):
+            self._apply()
         return self._message()
 
     def _message(self) -> Zones:
         return Zones(zones=sorted(self._zones.values(), key=lambda zone: zone.name))
 
-    def _set(self, zones: dict[str, Zone]) -> None:
-        self._zones, self._due_ns = zones, 0
-        self.core.team_map.set_zones([*zones.values()])
+    def _apply(self) -> None:
+        self._zones, self._due_ns = self._table.rows, 0
+        self.core.team_map.set_zones([*self._zones.values()])
         self.core.assign_soon()
 
 

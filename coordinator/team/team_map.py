@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robrain.protocol.messages.maps.map_messages import MapPatch
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.zone import Zone
 
 if TYPE_CHECKING:
@@ -54,6 +55,10 @@ class TeamMap:
     def zones(self) -> tuple[Zone, ...]:
         """The zones that bind all robots."""
         return self._zones
+
+    def place(self, name: str) -> Point2D | None:
+        """The centre of such a zone by name; None if there is none."""
+        return next((zone.centre for zone in self._zones if zone.name == name), None)
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Length, Metres, Name, Pace
 
@@ -98,9 +98,4 @@ AREA_MIN_M2 = 1e-4
 
 def check_zones(zones: Sequence[Zone]) -> None:
     """Check zones that are to hold together (ValueError)."""
-    names = [zone.name for zone in zones]
-    if len(names) > ZONES_MAX:
-        raise ValueError(f"expected at most {ZONES_MAX} zones, got {len(names)}")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"expected each zone to have a name of its own, got {', '.join(twice)} twice")
+    check_names("zone", ZONES_MAX, zones)
