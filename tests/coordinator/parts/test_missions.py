@@ -376,7 +376,8 @@ def run_with_kill(team, transaction) -> tuple[MissionTeam, bool]:
 def test_a_kill_before_any_transaction_neither_repeats_nor_loses_a_step(team, first):
     """Every eighth transaction is tried; together they are all."""
     for transaction in range(first, 1000, 8):
-        team.coordinator.close()
+        team.begin(None)
+        team.heard.clear()
         missions, was_killed = run_with_kill(team, transaction)
         assert missions.steps() == {"a": StepState.SKIPPED, "b": StepState.SKIPPED, "c": StepState.DONE}, transaction
         assert missions.status().state is MissionState.DONE
@@ -420,7 +421,9 @@ def test_a_started_mission_does_not_change_with_the_file(team):
         missions.start(id="m2")
 
 
-def test_a_step_waits_for_a_journal_that_cannot_be_written(team):
+@pytest.mark.parametrize("transaction", range(4))
+def test_a_step_waits_for_a_journal_that_cannot_be_written(team, transaction):
+    """Of the end of the task, the end of the step, and the next task."""
     KilledConnection.remaining = 10**9
     missions = MissionTeam(team, mission("round", step("a"), step("b")), journal=Journal(factory=KilledConnection))
     missions.start()
@@ -430,7 +433,9 @@ def test_a_step_waits_for_a_journal_that_cannot_be_written(team):
         missions.start(id="m2")
     with pytest.raises(CallError, match="mission m1 is not cancelled"):
         missions.cancel()
+    KilledConnection.remaining = transaction
     missions.end()
+    assert missions.tasks().get("m1.b") is (TaskState.QUEUED if transaction == 3 else None)
     KilledConnection.error, KilledConnection.remaining = Killed(), 10**9
     team.run(1.0)
     assert missions.tasks() == {"m1.a": TaskState.DONE, "m1.b": TaskState.RUNNING}
