@@ -13,8 +13,8 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Self, Unpack, overload
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Self, TypeVar, Unpack, overload
 
 import msgspec
 
@@ -32,12 +32,27 @@ from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT_NOW, Ex
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.messages.tasks.mission_messages import (
+    MISSION_CANCEL,
+    MISSION_LIST,
+    MISSION_START,
+    MissionCancel,
+    MissionList,
+    MissionStart,
+    MissionStatus,
+)
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_OBJECTIVE,
     COORDINATOR_PLANNING,
     ObjectiveRequest,
     PlanningStatus,
+)
+from robrain.protocol.messages.tasks.rule_messages import (
+    COORDINATOR_RULES_CHANGE,
+    COORDINATOR_RULES_NOW,
+    RuleChange,
+    RuleTable,
 )
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CHANGE,
@@ -79,16 +94,20 @@ from robrain.protocol.messages.team.zone_messages import (
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
+from robrain.protocol.model.tasks.mission import MissionOrder
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.zone import Zone
 
+AcceptedT = TypeVar("AcceptedT", TaskRecord, MissionStatus)
+
 
 class FreshIds:
-    """Counts on, for each kind of task, from the largest number that the team has.
+    """Counts on, for each kind of task or mission, from the largest number that the team has.
 
     Args:
-        known: ids of the tasks of a kind that the coordinator knows.
+        known: ids of the tasks of a kind, or missions of a name, that the coordinator knows.
         is_known: whether the coordinator knows a task of an id, of any kind.
 
     """
@@ -98,7 +117,7 @@ class FreshIds:
         self._is_known = is_known
         self._next: dict[str, int] = {}
 
-    def submit(self, kind: str, submit: Callable[[str], TaskRecord], by: str) -> TaskRecord:
+    def submit(self, kind: str, submit: Callable[[str], AcceptedT], by: str) -> AcceptedT:
         """Submit a task under the next free id.
 
         If another client uses the id at the same moment, the coordinator refuses the request. If both requests are
@@ -171,6 +190,10 @@ class Team(RobotCalls):
         self._halts = self._wire.publisher(HALT)  # a halt then need not wait for its declaration
         self._last_states = LastStates(transport, self._wire)
         self._fresh_ids = FreshIds(self._known_ids, self._is_known)
+        self._mission_ids = FreshIds(
+            lambda name: [one.id for one in self.missions() if one.mission == name],
+            lambda mission_id: any(one.id == mission_id for one in self.missions()),
+        )
         self._held: set[tuple[str, str]] = set()
 
     @classmethod
@@ -375,6 +398,57 @@ class Team(RobotCalls):
         wire, inbox = self._listening.open(), Inbox(4096)
         wire.subscribe(inbox, TASK_EVENT)
         return self._listening.until_done(wire, self._events(inbox, set(map(id_of, tasks)), timeout_s))
+
+    # -- missions and rules -----------------------------------------------------------------------------------
+
+    def start_mission(
+        self, mission: str, *, id: str | None = None, parameters: Mapping[str, Any] | None = None
+    ) -> MissionStatus:
+        """Start a mission of the team's file; starting the same one with the same id again returns its state.
+
+        Args:
+            mission: its name among `[[missions]]`.
+            id: name of what is started; None for a new one, such as `night-round-3`.
+            parameters: values of its parameters; the defaults for those that are not given.
+
+        Raises:
+            CallError: there is no such mission or parameter, or a step is no valid task.
+            NobodyThere: no coordinator answers.
+
+        """
+        order = MissionOrder(name=mission, parameters=dict(parameters or {}))
+
+        def start(mission_id: str) -> MissionStatus:
+            asked = MissionStart(id=mission_id, order=order, by=self.by)
+            return self._requests.coordinator(MISSION_START, asked)
+
+        return self._mission_ids.submit(mission, start, self.by) if id is None else start(id)
+
+    def missions(self) -> MissionList:
+        """Return the missions that are open, and the last that ended, in the order of their starts."""
+        return self._requests.coordinator(MISSION_LIST, None)
+
+    def cancel_mission(self, mission: str | MissionStatus, why: str = "") -> MissionStatus:
+        """Cancel a mission and its tasks (CallError if it has ended, or is unknown)."""
+        mission_id = mission if isinstance(mission, str) else mission.id
+        return self._requests.coordinator(MISSION_CANCEL, MissionCancel(id=mission_id, by=self.by, why=why))
+
+    def rules(self) -> RuleTable:
+        """Return the rules of the team, schedules included, and their states."""
+        return self._requests.coordinator(COORDINATOR_RULES_NOW, None)
+
+    def change_rules(self, *put: Rule, remove: Iterable[str] = ()) -> RuleTable:
+        """Add rules, in place of those with their names, and remove others. All others keep their states.
+
+        Returns:
+            All rules of the team.
+
+        Raises:
+            CallError: a name to remove or a mission is not known, or there are too many rules.
+
+        """
+        change = RuleChange(put=[*put], remove=[*remove], by=self.by)
+        return self._requests.coordinator(COORDINATOR_RULES_CHANGE, change)
 
     # -- planning ---------------------------------------------------------------------------------------------
 

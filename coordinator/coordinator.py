@@ -16,13 +16,15 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.backups import Backups
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
+from robrain.coordinator.parts.missions import Missions
 from robrain.coordinator.parts.robot_service import RobotService
 from robrain.coordinator.parts.zone_keeper import ZoneKeeper
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.model.tasks.task import FREE_AFTER_S
 from robrain.protocol.reasons import IdleReason, plain
 from robrain.protocol.refusals import most_refused
@@ -50,6 +52,7 @@ class Coordinator:
         policy: parameters of planning.
         rules: by which it makes tasks from readings and events.
         elected: the election that it has won; None if it is alone.
+        missions: those that can be started.
 
     """
 
@@ -60,8 +63,9 @@ class Coordinator:
         policy: PlanningPolicy | None = None,
         rules: Sequence[Rule] = (),
         elected: Elected | None = None,
+        missions: Sequence[Mission] = (),
     ) -> None:
-        self.core = core = Core(wire, journal, policy or PlanningPolicy(), stock_parts(rules, elected))
+        self.core = core = Core(wire, journal, policy or PlanningPolicy(), stock_parts(rules, elected, missions))
         self.tasks, self.roster, self.team_map = core.tasks, core.roster, core.team_map
         self.planning, self.lifecycle, self.halts = core.planning, core.lifecycle, core.halts
         self._wire, self._stage = wire, core.guard.stage
@@ -201,9 +205,12 @@ class Coordinator:
         return {robot.name: known[robot.name] for robot in idle if robot.name in known}
 
 
-def stock_parts(rules: Sequence[Rule] = (), elected: Elected | None = None) -> list[PartFactory]:
+def stock_parts(
+    rules: Sequence[Rule] = (), elected: Elected | None = None, missions: Sequence[Mission] = ()
+) -> list[PartFactory]:
     """Robrain's parts, in the order in which they are called; entry points of other distributions add theirs."""
     return [
+        partial(Missions, missions=missions),
         partial(TaskRules, rules=rules),
         MoteMembers,
         FieldKeeper,

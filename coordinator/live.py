@@ -9,8 +9,9 @@ from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.gc_pause import GcPause
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.workers import OwnedThread
 
@@ -31,6 +32,7 @@ def run_coordinator(
     policy: PlanningPolicy | None = None,
     rules: Sequence[Rule] = (),
     elected: Elected | None = None,
+    missions: Sequence[Mission] = (),
 ) -> str:
     """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns the name of that one.
 
@@ -39,7 +41,7 @@ def run_coordinator(
     """
     arrived = threading.Event()
     wire.on_receive = wire.on_waiting = arrived.set
-    coordinator = Coordinator(wire, journal, policy, rules, elected)
+    coordinator = Coordinator(wire, journal, policy, rules, elected, missions)
     coordinator.team_map.hold()
     collector = None
     loading: OwnedThread | None = None

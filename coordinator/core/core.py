@@ -28,7 +28,7 @@ from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
-from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, RobotRemoval
+from robrain.protocol.messages.team.standing_messages import COORDINATOR_REMOVE_ROBOT, JournalAlarm, RobotRemoval
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import IdleReason, OfferRefusal, TaskReason
@@ -119,9 +119,15 @@ class CoordinatorPart:
             logger.warning("the state of %s in the journal cannot be read: %s", name, error)
             return kind()
 
-    def store(self, state: msgspec.Struct) -> None:
-        """Store this part's state in the journal, in place of its last one (JournalUnwritable)."""
-        self.core.tasks.journal.record_part_state(type(self).__name__, state)
+    def store(self, state: msgspec.Struct, alarm: JournalAlarm | None = None) -> None:
+        """Store this part's state in the journal, in place of its last one (JournalUnwritable).
+
+        Args:
+            state: its state.
+            alarm: source for which a rule has changed it, in the same transaction.
+
+        """
+        self.core.tasks.journal.record_part_state(type(self).__name__, state, alarm)
 
     # -- questions ------------------------------------------------------------------------------------------
 

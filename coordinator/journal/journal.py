@@ -233,9 +233,17 @@ class Journal:
         """States that parts of the coordinator have stored, by part, as JSON objects; empty if unreadable."""
         return read_json(self._db, self.path, "parts", dict[str, Any])
 
-    def record_part_state(self, part: str, state: msgspec.Struct) -> None:
-        """Store the state of a part of the coordinator in place of its last one (JournalUnwritable)."""
-        self._record(JournalEntry(seq=0, parts={part: msgspec.to_builtins(state)}), durable=True)
+    def record_part_state(self, part: str, state: msgspec.Struct, alarm: JournalAlarm | None = None) -> None:
+        """Store the state of a part of the coordinator in place of its last one (JournalUnwritable).
+
+        Args:
+            part: its name.
+            state: its state.
+            alarm: source for which a rule has changed it; kept if and only if the state is.
+
+        """
+        alarms = [] if alarm is None else [alarm]
+        self._record(JournalEntry(seq=0, parts={part: msgspec.to_builtins(state)}, alarms=alarms), durable=True)
 
     def record_robots(self, robots: Mapping[str, KnownRobot]) -> None:
         """Store the robots of the team; all others are forgotten (JournalUnwritable)."""

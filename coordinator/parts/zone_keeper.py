@@ -3,11 +3,10 @@
 import msgspec
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.journal.errors import JournalUnwritable
+from robrain.coordinator.parts.changed_table import ChangedTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_ns
-from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition
 from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES,
@@ -68,6 +67,8 @@ class ZoneKeeper(CoordinatorPart):
 
     def __init__(self, core: Core) -> None:
         super().__init__(core)
+        changes = self.stored(ZoneChanges).zones
+        self._table = ChangedTable("zone", changes, check_zones, lambda zones: self.store(ZoneChanges(zones=zones)))
         self._zones: dict[str, Zone] = {}
         self._timers: dict[str, ZoneTimer] = {}
         self._turns: list[ZoneTurn] = []
@@ -77,7 +78,6 @@ class ZoneKeeper(CoordinatorPart):
         self._holding: list[Zone] = []
         """Those that hold, as robots receive them."""
         self._offers_version = 0
-        self._changes = self.stored(ZoneChanges).zones
         self._publisher = core.wire.publisher(COORDINATOR_ZONES)
         self._due_ns: int | None = None
         """When the zones are published next; None while there never were any."""
@@ -109,10 +109,9 @@ class ZoneKeeper(CoordinatorPart):
 
     def policy_changed(self, policy: PlanningPolicy) -> None:
         """Take the zones of another policy."""
-        zones = {zone.name: _plain(zone) for zone in policy.zones} | self._changes
-        kept = {name: zone for name, zone in zones.items() if zone is not None}
-        if kept != self._zones:
-            self._set(kept)
+        self._table.load(map(_plain, policy.zones))
+        if self._table.rows != self._zones:
+            self._apply()
 
     def decide(self, now_ns: int) -> None:
         """Begin and end zones by their times, and follow which robots have the plugins that zones name."""
@@ -129,22 +128,8 @@ class ZoneKeeper(CoordinatorPart):
             self._publisher.put(Zones(zones=self._holding, off=off, turns=self._turns))
 
     def _change(self, request: Request[ZoneChange]) -> Zones:
-        asked = request.asked
-        if unknown := [name for name in asked.remove if name not in self._zones]:
-            known = ", ".join(self._zones) or "none"
-            raise CallError(ErrorCode.REFUSED, f"there is no zone {unknown[0]}; known are {known}")
-        changes = dict.fromkeys(asked.remove) | {zone.name: zone for zone in asked.put}
-        zones = {name: zone for name, zone in (self._zones | changes).items() if zone is not None}
-        try:
-            check_zones([*zones.values()])
-            check_zones(asked.put)
-            if changes:
-                self.store(ZoneChanges(zones=self._changes | changes))
-        except (ValueError, JournalUnwritable) as error:
-            raise CallError(ErrorCode.REFUSED, str(error)) from error
-        if changes:
-            self._changes |= changes
-            self._set(zones)
+        if self._table.change(request.asked.put, request.asked.remove):
+            self._apply()
         return self._all()
 
     def _all(self) -> Zones:
@@ -154,10 +139,10 @@ class ZoneKeeper(CoordinatorPart):
         )
         return Zones(zones=holding, off=off, turns=self._turns)
 
-    def _set(self, zones: dict[str, Zone]) -> None:
+    def _apply(self) -> None:
         now_ns = self.core.wire.clock.now_ns()
-        timed = {name: zone.times for name, zone in zones.items() if zone.times is not None}
-        self._zones = zones
+        self._zones = self._table.rows
+        timed = {name: zone.times for name, zone in self._zones.items() if zone.times is not None}
         self._timers = {name: ZoneTimer(times, now_ns) for name, times in timed.items()}
         self._due_ns = 0
         self._update(now_ns)

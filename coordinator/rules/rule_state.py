@@ -2,16 +2,16 @@
 
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from enum import IntEnum
 
 import msgspec
 
-from robrain.coordinator.rules.rule import EventCondition, Per, ReadingCondition, Rule, ScheduleCondition
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
-from robrain.protocol.messages.team.team_messages import RuleStatus
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.tasks.rule import EventCondition, Per, ReadingCondition, Rule, ScheduleCondition
 
 RUNS_MAX = 16
 """Older runs are forgotten."""
@@ -154,9 +154,9 @@ NAMED = 3
 
 
 def waits_for(rule: Rule) -> str:
-    """The condition of a rule and the kind of its task, as a phrase.
+    """The condition of a rule and the kind of its task, or its mission, as a phrase.
 
-    >>> from robrain.coordinator.rules.rule import TaskOrder
+    >>> from robrain.protocol.model.tasks.rule import TaskOrder
     >>> heat = ReadingCondition(quantity="temperature_c", above=26.0, for_s=10.0, clear_at=24.0)
     >>> waits_for(Rule(name="heat", reading=heat, task=TaskOrder(kind="visit")))
     'temperature_c above 26 for 10 s; then visit'
@@ -166,7 +166,8 @@ def waits_for(rule: Rule) -> str:
         what = f"{condition.rrule} in {condition.time_zone}"
     else:
         what = _reading(condition) if isinstance(condition, ReadingCondition) else _event(condition)
-    return f"{what}; then {rule.task.kind}"
+    then = rule.task.kind if rule.task is not None else f"mission {rule.mission.name}" if rule.mission else ""
+    return f"{what}; then {then}"
 
 
 def _reading(condition: ReadingCondition) -> str:
@@ -238,6 +239,11 @@ class TrackTable:
         self._tracks[key] = (track, now_ns)
         self._tracks.move_to_end(key)
         return track
+
+    def keep(self, rules: Container[str]) -> None:
+        """Forget the motes of all other rules."""
+        for key in [key for key in self._tracks if key[0] not in rules]:
+            del self._tracks[key]
 
 
 class RuleState:

@@ -9,10 +9,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.journal.errors import JournalUnwritable
-from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, Values, check_rules, fill
+from robrain.coordinator.parts.changed_table import ChangedTable
+from robrain.coordinator.parts.missions import Missions
 from robrain.coordinator.rules.rule_state import RuleState, TrackTable
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.border.border import Received
@@ -21,15 +23,25 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
+from robrain.protocol.messages.tasks.rule_messages import (
+    COORDINATOR_RULES_CHANGE,
+    COORDINATOR_RULES_NOW,
+    RuleChange,
+    RuleStatus,
+    RuleTable,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
-from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.recurrence import Occurrences
+from robrain.protocol.model.tasks.rule import EventCondition, ReadingCondition, Rule, TaskOrder, check_rules
 from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.tasks.template import Values, fill
 from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode
+from robrain.protocol.wire.endpoint import Request, Serve
 
 INBOX_MAX = 2048
 """Readings and events in one step; of more the oldest are dropped."""
@@ -55,12 +67,19 @@ class TaskCause(NamedTuple):
     reason: PlainReason
 
 
+class RuleChanges(msgspec.Struct, frozen=True):
+    """Changes of rules while the team ran."""
+
+    rules: dict[str, Rule | None] = {}
+    """Rules that were added, replaced or removed (None), by name."""
+
+
 class TaskRules(CoordinatorPart):
     """Keeps all rules of a team.
 
     Args:
         core: the team; its journal keeps the alarms.
-        rules: the rules, checked as they are built.
+        rules: the rules of a file, checked as they are built.
 
     """
 
@@ -68,29 +87,26 @@ class TaskRules(CoordinatorPart):
 
     def __init__(self, core: Core, rules: Sequence[Rule] = ()) -> None:
         super().__init__(core)
-        check_rules(rules)
+        self._missions = core.parts.find(Missions)
+        self._check(rules)
         self.tracks = TrackTable()
         self.sieve = ReadingSieve(REMEMBERED)
         self._wire, self._book, self._roster = core.wire, core.tasks, core.roster
         self._now_ns = core.wire.clock.now_ns()
-        self._states = self._restored(rules) if rules else []
+        self._states: list[RuleState] = []
         self._of_quantity: dict[str, list[tuple[RuleState, ReadingCondition]]] = {}
         self._of_event: dict[tuple[str, str], list[tuple[RuleState, EventCondition]]] = {}
-        for rule_state in self._states:
-            reading, event = rule_state.rule.reading, rule_state.rule.event
-            if reading is not None:
-                self._of_quantity.setdefault(reading.quantity, []).append((rule_state, reading))
-            if event is not None:
-                self._of_event.setdefault((event.plugin, event.event), []).append((rule_state, event))
-        self._schedules = {
-            rule_state.rule.name: (rule_state, Occurrences(rule_state.rule.schedule, self._now_ns))
-            for rule_state in self._states
-            if rule_state.rule.schedule is not None
-        }
-        if self._of_quantity:
-            self.subscribe(MOTE_READING)
-        for plugin, event_name in self._of_event:
-            self.subscribe(ROBOT_EVENT, plugin=plugin, event=event_name)
+        self._schedules: dict[str, tuple[RuleState, Occurrences]] = {}
+        self._subscribed: set[tuple[str, str]] = set()
+        """Plugin and event of each subscription; both are empty for that of readings."""
+        changes = self.stored(RuleChanges).rules
+        self._table = ChangedTable("rule", changes, self._check, lambda rules: self.store(RuleChanges(rules=rules)))
+        self._table.load(rules)
+        if self._table.rows:
+            self._apply()
+            core.tasks.journal.keep_alarms(alarm for one in self._states for alarm in one.alarms.values())
+        core.wire.answer(COORDINATOR_RULES_NOW, lambda _: self._message(), serve=Serve.IN_STEP)
+        core.wire.answer(COORDINATOR_RULES_CHANGE, self._change, serve=Serve.IN_STEP)
 
     @property
     def has_open(self) -> bool:
@@ -99,15 +115,63 @@ class TaskRules(CoordinatorPart):
 
     def summary(self, state: TeamState, now_ns: int) -> TeamState:
         """Add the actions of the rules."""
-        return msgspec.structs.replace(state, rules=self.status()) if self._states else state
+        return replace(state, rules=self.status()) if self._states else state
 
     def status(self) -> list[RuleStatus]:
         """Each rule and its actions, in the order of the file."""
         next_ns = {name: occurrences.next_ns or 0 for name, (_, occurrences) in self._schedules.items()}
-        return [one.status(self._book.is_open, next_ns.get(one.rule.name, 0)) for one in self._states]
+        return [one.status(self._is_open, next_ns.get(one.rule.name, 0)) for one in self._states]
+
+    def _is_open(self, made: str) -> bool:
+        """Whether a task or mission of a rule is open."""
+        return self._book.is_open(made) or self._missions.is_open(made)
+
+    # -- changes ----------------------------------------------------------------------------------------------
+
+    def _check(self, rules: Sequence[Rule]) -> None:
+        check_rules(rules, self._missions.known.values())
+
+    def _change(self, request: Request[RuleChange]) -> RuleTable:
+        if self._table.change(request.asked.put, request.asked.remove):
+            self._now_ns = self._wire.clock.now_ns()
+            self._apply()
+            self.core.report_soon()
+        return self._message()
+
+    def _message(self) -> RuleTable:
+        return RuleTable(rules=[one.rule for one in self._states], states=self.status())
+
+    def _apply(self) -> None:
+        """Follow the rules of the table; the states of those that have not changed stay."""
+        same = {one.rule.name: one for one in self._states if self._table.rows.get(one.rule.name) == one.rule}
+        self.tracks.keep(same)
+        self._states = [same.get(one.rule.name, one) for one in self._restored([*self._table.rows.values()])]
+        self._of_quantity.clear()
+        self._of_event.clear()
+        schedules, self._schedules = self._schedules, {}
+        for rule_state in self._states:
+            name, reading, event = rule_state.rule.name, rule_state.rule.reading, rule_state.rule.event
+            if reading is not None:
+                self._of_quantity.setdefault(reading.quantity, []).append((rule_state, reading))
+                self._subscribe_once("", "")
+            if event is not None:
+                self._of_event.setdefault((event.plugin, event.event), []).append((rule_state, event))
+                self._subscribe_once(event.plugin, event.event)
+            if rule_state.rule.schedule is not None:
+                new = (rule_state, Occurrences(rule_state.rule.schedule, self._now_ns))
+                self._schedules[name] = schedules[name] if name in same else new
+
+    def _subscribe_once(self, plugin: str, event: str) -> None:
+        if (plugin, event) in self._subscribed:
+            return
+        self._subscribed.add((plugin, event))
+        if plugin:
+            self.subscribe(ROBOT_EVENT, plugin=plugin, event=event)
+        else:
+            self.subscribe(MOTE_READING)
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
-        """The rules in the state of an earlier coordinator; obsolete entries are removed from the journal."""
+        """The rules in the state that the journal has."""
         alarms: dict[str, list[JournalAlarm]] = {rule.name: [] for rule in rules}
         needed_s = {rule.name: max(rule.cooldown_s, rule.trigger.max_age_s) for rule in rules}
         for alarm in self._book.journal.alarms():
@@ -115,11 +179,18 @@ class TaskRules(CoordinatorPart):
                 continue
             if not alarm.is_armed or self._now_ns - alarm.fired_ns < to_ns(needed_s[alarm.rule]):
                 alarms[alarm.rule].append(alarm)
-        self._book.journal.keep_alarms(alarm for kept in alarms.values() for alarm in kept)
         open_tasks: dict[str, list[str]] = {}
         for record in self._book.open:
             open_tasks.setdefault(record.by, []).append(record.task.id)
-        return [RuleState(rule, alarms[rule.name], open_tasks.get(rule.by, ()), self._now_ns) for rule in rules]
+        return [
+            RuleState(
+                rule,
+                alarms[rule.name],
+                [*open_tasks.get(rule.by, ()), *self._missions.open_by(rule.by)],
+                self._now_ns,
+            )
+            for rule in rules
+        ]
 
     # -- receiving --------------------------------------------------------------------------------------------
 
@@ -136,7 +207,7 @@ class TaskRules(CoordinatorPart):
         if states is None or not self.sieve.is_new(reading):
             return
         for rule_state, condition in states:
-            if condition.covers(reading):
+            if _covers(condition, reading):
                 self._judge(rule_state, condition, reading)
 
     def _judge(self, rule_state: RuleState, condition: ReadingCondition, reading: MoteReading) -> None:
@@ -233,7 +304,7 @@ class TaskRules(CoordinatorPart):
             if now_ns - due_ns > to_ns(rule_state.rule.trigger.max_age_s):
                 if known is not None:
                     rule_state.skipped(f"the task of {due} is left out: no coordinator ran")
-            elif not rule_state.may_make(now_ns, self._book.is_open):
+            elif not rule_state.may_make(now_ns, self._is_open):
                 rule_state.skipped(f"the task of {due} is left out: an earlier one is open, or ended just before")
             else:
                 reason = plain("rule_schedule", f"rule {name}: due at {due}", rule=name, due_ns=due_ns)
@@ -243,7 +314,7 @@ class TaskRules(CoordinatorPart):
     # -- making tasks ---------------------------------------------------------------------------------------
 
     def _arm(self, rule_state: RuleState, alarm: JournalAlarm) -> None:
-        armed = msgspec.structs.replace(alarm, is_armed=True)
+        armed = replace(alarm, is_armed=True)
         try:
             self._book.journal.record_alarm(armed)
         except JournalUnwritable as error:  # it stays in alarm until that can be written down
@@ -252,7 +323,7 @@ class TaskRules(CoordinatorPart):
         rule_state.alarms[alarm.source] = armed
 
     def _make(self, rule_state: RuleState, cause: TaskCause) -> None:
-        if not rule_state.may_make(self._now_ns, self._book.is_open):
+        if not rule_state.may_make(self._now_ns, self._is_open):
             return
         rule, now_ns = rule_state.rule, self._now_ns
         is_armed = rule.reading is None  # an event is over at once: the next one counts again
@@ -260,27 +331,32 @@ class TaskRules(CoordinatorPart):
             rule=rule.name, source=cause.source, measured_ns=cause.stamp_ns, fired_ns=now_ns, is_armed=is_armed
         )
         try:
-            asked = TaskSubmission(task=self._task(rule, cause), deadline_in_s=rule.task.deadline_s)
-            record = self.core.requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm)
+            if cause.place is None and rule.needs_place:
+                what = "the robot" if rule.reading is None else "the mote"
+                raise ValueError(f"no task is made by rule {rule.name}: {what} does not know where it is")
+            if rule.mission is not None:
+                made = self._missions.new_id(rule.name)
+                order = replace(rule.mission, parameters=fill(rule.mission.parameters, cause.values))
+                self._missions.start(made, order, rule.by, alarm=alarm)
+            else:
+                assert rule.task is not None
+                task = self._task(rule, rule.task, cause)
+                asked = TaskSubmission(task=task, deadline_in_s=rule.task.deadline_s)
+                made = self.core.requests.admit(asked, rule.by, reason=cause.reason, alarm=alarm).task.id
         except (CallError, ValueError) as error:
             refusal = error.message if isinstance(error, CallError) else str(error)
             rule_state.refused(refusal, now_ns)
             self._wire.refusals.record("rule", rule.name, RefusalCode.FAILED, refusal)
             return
-        rule_state.made(record.task.id, alarm)
+        rule_state.made(made, alarm)
 
-    def _task(self, rule: Rule, cause: TaskCause) -> Task:
-        """The task that a rule makes; ValueError if a required value is unknown."""
-        order, fixed_m = rule.task, rule.task.place_m
+    def _task(self, rule: Rule, order: TaskOrder, cause: TaskCause) -> Task:
+        """The task that a rule makes; ValueError if its place is not known."""
+        place = cause.place if order.place_m is None else Point2D(*order.place_m)
         if order.place:
-            zones = [zone for zone in self.core.team_map.zones if zone.name == order.place]
-            if not zones:
+            if (zone := self.core.team_map.zone(order.place)) is None:
                 raise ValueError(f"no task is made by rule {rule.name}: there is no place or zone {order.place}")
-            fixed_m = zones[0].centre.x_m, zones[0].centre.y_m
-        if cause.place is None and order.needs_place:
-            what = "the robot" if rule.reading is None else "the mote"
-            raise ValueError(f"no task is made by rule {rule.name}: {what} does not know where it is")
-        place = Point2D(*fixed_m) if fixed_m is not None else cause.place
+            place = zone.centre
         assert place is not None
         return Task(
             id=self.core.new_id(rule.name),
@@ -289,8 +365,17 @@ class TaskRules(CoordinatorPart):
             priority=order.priority,
             service_s=order.service_s,
             needs=order.needs,
-            parameters={name: fill(parameter, cause.values) for name, parameter in order.parameters.items()},
+            parameters=fill(order.parameters, cause.values),
         )
+
+
+def _covers(condition: ReadingCondition, reading: MoteReading) -> bool:
+    """Whether a reading of the quantity is one that a rule is about."""
+    return (
+        (not condition.motes or reading.mote in condition.motes)
+        and (not condition.robots or reading.via in condition.robots)
+        and (condition.area is None or condition.area.holds(reading.place))
+    )
 
 
 def _place_values(place: Point2D | None) -> dict[str, Any]:

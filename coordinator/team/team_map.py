@@ -70,6 +70,10 @@ class TeamMap:
         names = separating_zones(seen.classes(), seen.geometry, self._zones, place, places, radius_m, near_m)
         return next((DoorShut(zone.name) for zone in self._zones if zone.is_shut and zone.name in names), None)
 
+    def zone(self, name: str) -> Zone | None:
+        """Such a zone by name; None if there is none."""
+        return next((zone for zone in self._zones if zone.name == name), None)
+
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""
         self._zones = tuple(zones)

@@ -108,7 +108,8 @@ def up(
         if rules is not None:
             from robrain.deploy.processes.table_files import read_rules
 
-            chosen = chosen.replace(rules=read_rules(rules))
+            tables = read_rules(rules)
+            chosen = chosen.replace(rules=tables.rules, missions=tables.missions)
         new_recording(record)
         world = chosen.world()
         names = [robot.name for robot in world.robots]

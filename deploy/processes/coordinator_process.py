@@ -15,7 +15,6 @@ from robrain.coordinator.leadership.candidate import Candidate, Following
 from robrain.coordinator.leadership.election import Elected, Election, Lost
 from robrain.coordinator.live import run_coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import (
@@ -33,7 +32,9 @@ from robrain.protocol.clock import steps
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.ranges import NAME_MAX, cut
+from robrain.protocol.model.tasks.mission import Mission
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.wire.hub import team_endpoints
 
 PERIOD_S = 0.01
@@ -85,6 +86,7 @@ class LiveCoordination(NamedTuple):
     """File of this coordinator's journal."""
     policy: PlanningPolicy
     rules: Sequence[Rule]
+    missions: Sequence[Mission]
     on_ready: Callable[[], None]
     """Called each time that it begins to lead."""
 
@@ -127,7 +129,7 @@ class LiveCoordination(NamedTuple):
             self.on_ready()
 
         with live_endpoint(self.session, self.team) as wire:
-            return run_coordinator(wire, should_stop, ready, journal, self.policy, self.rules, elected)
+            return run_coordinator(wire, should_stop, ready, journal, self.policy, self.rules, elected, self.missions)
 
     def _await_election(self, witnesses: Sequence[str], claim: NameClaim, should_stop: ShouldStop) -> Elected | None:
         """Follow or stand for election until it is elected; None if `should_stop` came first."""
@@ -181,19 +183,21 @@ def coordinator_command(
         journal: file of its tasks; `TEAM.journal` if None.
         objective: planning objective, overriding the file's.
         planning: file with a `[planning]` table.
-        rules: file with `[[rules]]`.
+        rules: file with `[[rules]]` and `[[missions]]`.
         witnesses: names of the robots that elect it; none if it is alone.
 
     Raises:
         RobrainError: in one sentence.
 
     """
-    policy, kept_rules = PlanningPolicy(), tuple[Rule, ...]()
+    policy, kept_rules, missions = PlanningPolicy(), tuple[Rule, ...](), tuple[Mission, ...]()
     if planning is not None or rules is not None:
         from robrain.deploy.processes.table_files import read_planning, read_rules  # most need none and start sooner
 
         policy = policy if planning is None else read_planning(planning)
-        kept_rules = kept_rules if rules is None else read_rules(rules)
+        if rules is not None:
+            tables = read_rules(rules)
+            kept_rules, missions = tables.rules, tables.missions
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
     should_stop = LiveStop()
@@ -216,7 +220,7 @@ def coordinator_command(
 
     with closing(session):
         path = journal if journal is not None else Path(f"{team}.journal")
-        coordination = LiveCoordination(session, team, path, policy, kept_rules, ready)
+        coordination = LiveCoordination(session, team, path, policy, kept_rules, missions, ready)
         if witnesses:
             should_stop.ready()
             coordination.lead_elected(witnesses, should_stop)

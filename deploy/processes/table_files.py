@@ -1,16 +1,17 @@
-"""Files that are read for some of their tables: `[planning]` or `[[rules]]`, alone or among those of a scenario."""
+"""Files that are read for `[planning]`, or for `[[rules]]` and `[[missions]]`; a scenario has them among others."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
+from robrain.coordinator.parts.mission_forms import check_files_missions
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
 from robrain.protocol.model.checked import convert
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule, check_rules
 from robrain.protocol.toml_text import LARGE, read_toml
 
 Tables = TypeVar("Tables", bound=msgspec.Struct)
@@ -60,36 +61,40 @@ def write_planning(path: Path, policy: PlanningPolicy) -> Path:
     return path
 
 
-class _RuleTables(msgspec.Struct, frozen=True):
-    """The tables read here; a scenario has others too."""
+class RuleTables(msgspec.Struct, frozen=True):
+    """The tables of rules and missions; a scenario has others too."""
 
     rules: tuple[Rule, ...] = ()
+    missions: tuple[Mission, ...] = ()
 
     def __post_init__(self) -> None:
-        check_rules(self.rules)
+        check_files_missions(self.missions)
+        check_rules(self.rules, self.missions)
 
 
-def read_rules(path: Path) -> tuple[Rule, ...]:
-    """Read the rules in a file.
+def read_rules(path: Path) -> RuleTables:
+    """Read the rules and missions in a file.
 
     Raises:
         UsageError: naming file, key and expected value.
 
     """
-    found = read_tables(path, _RuleTables, "--rules").rules
-    if not found:
-        raise UsageError(f"--rules {path}: expected at least one table [[rules]]")
+    found = read_tables(path, RuleTables, "--rules")
+    if not (found.rules or found.missions):
+        raise UsageError(f"--rules {path}: expected at least one table [[rules]] or [[missions]]")
     return found
 
 
-def write_rules(path: Path, rules: Sequence[Rule]) -> Path:
+def write_rules(path: Path, tables: RuleTables) -> Path:
     """Write a file that `read_rules` reads; returns its path."""
-    path.write_bytes(msgspec.toml.encode({"rules": [_given(msgspec.to_builtins(rule)) for rule in rules]}))
+    path.write_bytes(msgspec.toml.encode(_given(msgspec.to_builtins(tables))))
     return path
 
 
-def _given(table: dict[str, Any]) -> dict[str, Any]:
-    """A table without the keys that are None, which TOML leaves out."""
-    return {
-        key: _given(value) if isinstance(value, dict) else value for key, value in table.items() if value is not None
-    }
+def _given(value: Any) -> Any:
+    """A document without the keys that are None, which TOML leaves out."""
+    if isinstance(value, list | tuple):
+        return [_given(part) for part in value]
+    if isinstance(value, dict):
+        return {key: _given(part) for key, part in value.items() if part is not None}
+    return value

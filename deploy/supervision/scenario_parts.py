@@ -14,7 +14,7 @@ from robrain.deploy.processes.arena_process import (
     write_robot_file,
 )
 from robrain.deploy.processes.kernels import prepare_kernels
-from robrain.deploy.processes.table_files import write_planning, write_rules
+from robrain.deploy.processes.table_files import RuleTables, write_planning, write_rules
 from robrain.deploy.supervision.part import ARENA, Part
 from robrain.deploy.supervision.site import Site, votes_option
 from robrain.protocol.wire.endpoint import Drive
@@ -43,8 +43,9 @@ class ScenarioParts:
         """Options of the coordinator."""
         folder, scenario = self._site.folder, self._scenario
         options = ["--planning", str(write_planning(folder / "planning.toml", scenario.policy))]
-        if scenario.rules:
-            options += ["--rules", str(write_rules(folder / "rules.toml", scenario.rules))]
+        if scenario.rules or scenario.missions:
+            tables = RuleTables(rules=scenario.rules, missions=scenario.missions)
+            options += ["--rules", str(write_rules(folder / "rules.toml", tables))]
         return options
 
     def arena(self, words: Sequence[str]) -> Part:

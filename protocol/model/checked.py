@@ -6,9 +6,9 @@ The ranges are those in `msgspec.Meta` of the fields' types; msgspec itself chec
 import math
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -143,3 +143,21 @@ def _optional_check(kinds: list[inspect.Type]) -> Check | None:
 
 def _out_of_range(name: str, sign: str, bound: float, value: object) -> str:
     return f"expected {name} {sign} {bound:g}, got {value}"
+
+
+class Named(Protocol):
+    """A row of a table."""
+
+    @property
+    def name(self) -> str:
+        """No other row has it."""
+
+
+def check_names(what: str, limit: int, rows: Sequence[Named]) -> None:
+    """Check that there are not too many rows of a table, and none with the name of another (ValueError)."""
+    names = [row.name for row in rows]
+    if len(names) > limit:
+        raise ValueError(f"expected at most {limit} {what}s, got {len(names)}")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"expected each {what} to have a name of its own, got {', '.join(twice)} twice")

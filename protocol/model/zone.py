@@ -9,7 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.ranges import Length, Metres, Name, Pace, PositiveDuration, Radians
 from robrain.protocol.model.recurrence import Recurrence
@@ -192,11 +192,6 @@ def hand_warning(zones: Sequence[Zone], robot: str, pose: Pose2D, velocity: Twis
 
 def check_zones(zones: Sequence[Zone]) -> None:
     """Check zones that are to hold together (ValueError)."""
-    names = [zone.name for zone in zones]
-    if len(names) > ZONES_MAX:
-        raise ValueError(f"expected at most {ZONES_MAX} zones, got {len(names)}")
+    check_names("zone", ZONES_MAX, zones)
     if (corners := sum(len(zone.corners_m) for zone in zones)) > CORNERS_MAX:
         raise ValueError(f"expected at most {CORNERS_MAX} corners of all zones together, got {corners}")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"expected each zone to have a name of its own, got {', '.join(twice)} twice")

@@ -21,7 +21,6 @@ from robrain.client.transport import Transport
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.parts.exploration import Exploration
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.gc_pause import GcPause
@@ -35,6 +34,8 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounte
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.reasons import IdleReason
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_lockstep_session
@@ -73,6 +74,7 @@ class LockstepRun:
         session: an open lockstep session to use in place of a new one; others may be on it. It is closed with the run.
         planning: objective and settings of the coordinator's planning.
         rules: by which the coordinator makes tasks.
+        missions: those that can be started.
         should_stop: polled before each robot is set up; True ends the set-up.
         setup: data that repeats the run, for the recording.
         processes: whether the wire may fail, also in a world without such faults.
@@ -94,6 +96,7 @@ class LockstepRun:
         session: zenoh.Session | None = None,
         planning: PlanningPolicy | None = None,
         rules: Sequence[Rule] = (),
+        missions: Sequence[Mission] = (),
         should_stop: Callable[[], bool] = lambda: False,
         setup: RunSetup | None = None,
         processes: bool = False,
@@ -111,7 +114,7 @@ class LockstepRun:
         self._ticks = 0
         self._endpoints: list[Endpoint] = []
         self._planning = planning
-        self._rules = rules
+        self._rules, self._missions = rules, missions
         self._should_stop = should_stop
         self._closers: list[Callable[[], object]] = []
         self._summary: RecordingSummary | None = None
@@ -213,7 +216,8 @@ class LockstepRun:
             on_outside=self._on_outside,
             party=COORDINATOR,
         )
-        self.coordinator = Coordinator(wire, self.team_faults.disk.open(), self._planning, self._rules)
+        journal = self.team_faults.disk.open()
+        self.coordinator = Coordinator(wire, journal, self._planning, self._rules, missions=self._missions)
         return self.coordinator
 
     def _end_coordinator(self, coordinator: Coordinator) -> None:

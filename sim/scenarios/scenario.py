@@ -18,9 +18,10 @@ from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec, faults_refusal
@@ -49,7 +50,7 @@ from robrain.sim.world.robot_specs import RobotSpec
 from robrain.sim.world.scenario_tasks import TaskSpec
 from robrain.sim.world.world import Fidelity, World, build_world
 
-ALIKE = ("chargers", "rules", "faults", "surfaces", "disturbance", "tasks", "links")
+ALIKE = ("chargers", "rules", "missions", "faults", "surfaces", "disturbance", "tasks", "links")
 """Fields that a scenario's file has too."""
 PLACED = ("robots", "motes", "near", "seed", "hardware", "network", "chargers", "starts", "mote_places")
 """Fields that its robots and motes are placed by."""
@@ -82,6 +83,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """Objective and parameters of the coordinator's plans."""
     rules: tuple[Rule, ...] = ()
     """Tasks that the coordinator makes when a sensor reports an event."""
+    missions: tuple[Mission, ...] = ()
+    """Sets of tasks that can be started by name."""
     faults: tuple[FaultSpec, ...] = ()
     """Faults and their times."""
     surfaces: SurfaceSpec = SurfaceSpec()
@@ -426,6 +429,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             session=session,
             planning=self.policy,
             rules=self.rules,
+            missions=self.missions,
             should_stop=should_stop,
             setup=setup,
         )

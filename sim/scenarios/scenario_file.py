@@ -10,12 +10,14 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from robrain.coordinator.parts.mission_forms import check_files_missions
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule, check_rules
 from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.model.ranges import Positive
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule, check_rules
 from robrain.protocol.registry import Registry
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError
@@ -111,6 +113,7 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     chargers: tuple[ChargerSpec, ...] = ()
     planning: PlanningPolicy = PlanningPolicy()
     rules: tuple[Rule, ...] = ()
+    missions: tuple[Mission, ...] = ()
     faults: tuple[FaultSpec, ...] = ()
     surfaces: SurfaceSpec = SurfaceSpec()
     disturbance: DisturbanceSpec = DisturbanceSpec()
@@ -125,7 +128,8 @@ class ScenarioTables(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if (self.floor is None) == (self.map is None):
             raise ValueError("expected either [floor] or [map]")
         check_tasks(self.tasks)
-        check_rules(self.rules)
+        check_files_missions(self.missions)
+        check_rules(self.rules, self.missions)
 
     @property
     def added(self) -> dict[str, Any]:

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import zenoh
 
-from robrain.coordinator.rules.rule import Rule
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.arena_process import write_robot_files
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
-from robrain.deploy.processes.table_files import write_rules
+from robrain.deploy.processes.table_files import RuleTables, write_rules
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
 from tests.bench.processes import wait_for
@@ -101,7 +101,7 @@ def live_team(scenario: Scenario, scenario_argument: Sequence[str]) -> Iterator[
         common = ["--connect", endpoint, "--team", TEAM]
         kept = ["--journal", str(folder / "bench.journal")]
         if scenario.rules:
-            kept += ["--rules", str(write_rules(folder / "rules.toml", scenario.rules))]
+            kept += ["--rules", str(write_rules(folder / "rules.toml", RuleTables(rules=scenario.rules)))]
         started = {
             "arena": children.start("arena", ["arena", *scenario_argument, *common]),
             "coordinator": children.start("coordinator", ["coordinator", *kept, *common]),

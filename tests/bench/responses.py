@@ -15,7 +15,6 @@ import can
 import numpy as np
 
 from robrain.client.team import Team
-from robrain.coordinator.rules.rule import EventCondition, ReadingCondition, Rule, TaskOrder
 from robrain.deploy.errors import ChildFailed
 from robrain.deploy.processes.live_process import live_endpoint
 from robrain.lab.bench.figure import Figure
@@ -28,6 +27,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotSt
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.rule import EventCondition, ReadingCondition, Rule, TaskOrder
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.bench.live_team import live_room

@@ -13,7 +13,6 @@ from robrain.algorithms.slam.map_patch import to_message
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.coordinator.tasks.task_book import LEGAL
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
@@ -29,6 +28,8 @@ from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, Team
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint
@@ -162,14 +163,20 @@ class Team:
         self._ticks = 0
         self._stamp_ms = 0
 
-    def begin(self, journal: Journal | None, policy: PlanningPolicy | None = None, rules: Sequence[Rule] = ()) -> None:
+    def begin(
+        self,
+        journal: Journal | None,
+        policy: PlanningPolicy | None = None,
+        rules: Sequence[Rule] = (),
+        missions: Sequence[Mission] = (),
+    ) -> None:
         """A coordinator takes over; the one before has ended, as by a kill: it never says another word."""
         if self._coordinator_wire is not None:
             self._coordinator_wire.close()
         if journal is None:  # one that remembers nothing counts its changes from the start
             self._told.clear()
         self._coordinator_wire = self.endpoint()
-        self.coordinator = Coordinator(self._coordinator_wire, journal, policy, rules)
+        self.coordinator = Coordinator(self._coordinator_wire, journal, policy, rules, missions=missions)
 
     def submit(self, task: Task, **fields: Any) -> TaskRecord:
         return self.ask(TASK_SUBMIT, TaskSubmission(task=task, **fields))

@@ -16,7 +16,8 @@ from robrain.protocol.messages.motes.mote_messages import (
     MoteFieldState,
     MoteReading,
 )
-from robrain.protocol.messages.team.team_messages import RuleStatus, TeamState
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from tests.dashboard.test_panel_html import ATTRIBUTES, EVIL, TAGS, Page
 from tests.dashboard.test_shown_team import tell

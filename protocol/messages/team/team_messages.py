@@ -11,34 +11,13 @@ from robrain.protocol.messages.motes.mote_messages import MoteFieldState
 from robrain.protocol.messages.robots.plugin_messages import ProcessInfo
 from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
+from robrain.protocol.messages.tasks.mission_messages import MissionList
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
 from robrain.protocol.reasons import IdleReason, MinorityReached, OutOfService, TopicStale, Unavailable, sentence_of
 from robrain.protocol.refusals import Refused
 from robrain.protocol.topic import Delivery, Query, Token, Topic, Urgency
-
-
-class RuleStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One rule, and its actions since the coordinator started."""
-
-    name: Name
-    waits: Text = ""
-    """Its trigger, and the kind of task that it then makes, as text."""
-    made: Count = 0
-    """Tasks that it has made."""
-    open: Count = 0
-    """Its tasks that have not ended, those of earlier coordinators included."""
-    alarms: Count = 0
-    """Motes for which it has made a task and that have not been clear since; 1 for all, if it is one for the team."""
-    refused: Count = 0
-    """Tasks that it would have made, had they been possible."""
-    why: Text = ""
-    """Why the last of these was not, in words."""
-    last_ns: Stamp = 0
-    """When it made the last one; 0 if it has made none."""
-    next_ns: Stamp = 0
-    """When its schedule is due next; 0 if it has none."""
-
 
 Rules = Annotated[list[RuleStatus], Meta(max_length=1000)] | msgspec.UnsetType
 """Absent if there are no rules."""
@@ -139,6 +118,8 @@ class TeamState(Message, frozen=True, kw_only=True):
     """Topics that are older than their deadline, of robots that are there; absent if none."""
     rules: Rules = msgspec.UNSET
     """Its rules, and their actions."""
+    missions: MissionList | msgspec.UnsetType = msgspec.UNSET
+    """Missions that are open, and the last that ended, without their steps; absent if there are none."""
     mote_field: MoteFieldState | msgspec.UnsetType = msgspec.UNSET
     """How the motes are doing; absent if the coordinator does nothing for them by itself."""
     stand_by: StandByStatus | msgspec.UnsetType = msgspec.UNSET

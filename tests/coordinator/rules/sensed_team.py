@@ -4,12 +4,12 @@ import msgspec
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
-from robrain.coordinator.rules.rule import Rule
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.rule import Rule
 
 NO_PLANS = PlanningPolicy(method=NEAREST)
 """What a rule makes does not depend on how it is planned."""

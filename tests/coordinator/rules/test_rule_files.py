@@ -2,9 +2,9 @@
 
 import pytest
 
-from robrain.coordinator.rules.rule import check_template, fill
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.table_files import read_rules, write_rules
+from robrain.deploy.processes.table_files import RuleTables, read_rules, write_rules
+from robrain.protocol.model.tasks.template import check_template, fill
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -26,13 +26,13 @@ parameters = { quantity = "{quantity}" }
 def read(tmp_path, text):
     path = tmp_path / "rules.toml"
     path.write_text(text, encoding="utf-8")
-    return read_rules(path)
+    return read_rules(path).rules
 
 
 def test_a_file_is_read_and_written_and_read_again(tmp_path):
     rules = read(tmp_path, HEAT)
     assert (rules[0].name, rules[0].reading.above, rules[0].task.kind, rules[0].max_open) == ("heat", 26.0, "seek", 1)
-    assert read_rules(write_rules(tmp_path / "again.toml", rules)) == rules
+    assert read_rules(write_rules(tmp_path / "again.toml", RuleTables(rules=rules))).rules == rules
 
 
 @pytest.mark.parametrize(

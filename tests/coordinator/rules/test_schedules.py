@@ -6,12 +6,12 @@ import pytest
 
 from robrain import Scenario, Team
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.coordinator.rules.rule import Rule, ScheduleCondition, TaskOrder
 from robrain.protocol.clock import to_ns
+from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
-from robrain.protocol.messages.team.team_messages import RuleStatus
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.recurrence import Occurrences
+from robrain.protocol.model.tasks.rule import Rule, ScheduleCondition, TaskOrder
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport

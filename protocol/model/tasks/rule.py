@@ -18,78 +18,26 @@ kind = "seek"
 parameters = { quantity = "{quantity}" }
 ```
 
-A parameter of the task that is one name in braces becomes that value of the reading or event. Names in other texts are
-replaced by words. Braces have no other meaning: no attributes, no formats, no code.
+Parameters of the task are templates (`template.py`), filled with values of the reading or event.
 """
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
-from robrain.protocol.messages.motes.mote_messages import MoteReading
-from robrain.protocol.model.checked import Checked
+from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import NAME_MAX, Duration, Metres, Name, PositiveDuration, Priority, cut
+from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority
 from robrain.protocol.model.recurrence import Recurrence
+from robrain.protocol.model.tasks.mission import Mission, MissionOrder, check_order
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
-
-Values = Mapping[str, Any]
-"""Values of names: plain JSON."""
-DEPTH_MAX = 8
-_BRACES = re.compile(r"\{([^{}]*)\}")
-
-
-def check_template(template: object, values: Values, depth: int = 0) -> None:
-    """Check that a parameter can be filled (ValueError): plain JSON, in which braces have only known names."""
-    if depth > DEPTH_MAX:
-        raise ValueError(f"expected at most {DEPTH_MAX} levels of tables and lists")
-    if isinstance(template, str):
-        for name in _BRACES.findall(template):
-            if name not in values:
-                known = ", ".join(f"{{{each}}}" for each in values)
-                raise ValueError(f"expected one of {known}, got {{{name}}}")
-        rest = _BRACES.sub("", template)
-        if "{" in rest or "}" in rest:
-            raise ValueError(f"expected braces in pairs around a name, got {template!r}")
-    elif isinstance(template, dict):
-        for part in template.values():
-            check_template(part, values, depth + 1)
-    elif isinstance(template, list | tuple):
-        for part in template:
-            check_template(part, values, depth + 1)
-    elif not isinstance(template, bool | int | float):
-        got = type(template).__name__
-        raise ValueError(f"expected a text, number, list or table, got a {got}")  # noqa: TRY004 - of a file
-
-
-def fill(template: Any, values: Values) -> Any:
-    """A parameter with the names in braces replaced.
-
-    >>> fill({"mote": "{mote}", "note": "{value} at {mote}"}, {"mote": "m3", "value": 27.5})
-    {'mote': 'm3', 'note': '27.5 at m3'}
-    >>> fill("{value}", {"value": 27.5})
-    27.5
-    """
-    if isinstance(template, str):
-        alone = _BRACES.fullmatch(template)
-        if alone is not None:
-            return values[alone.group(1)]
-        return _BRACES.sub(lambda found: _word(values[found.group(1)]), template)
-    if isinstance(template, dict):
-        return {name: fill(part, values) for name, part in template.items()}
-    return [fill(part, values) for part in template] if isinstance(template, list | tuple) else template
-
-
-def _word(value: Any) -> str:
-    return cut(f"{value:g}" if isinstance(value, float) else str(value), NAME_MAX)
-
+from robrain.protocol.model.tasks.template import Values, check_templates, fill, names_in
 
 RULES_MAX = 256
 BY = "rule:"
@@ -204,14 +152,6 @@ class ReadingCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields
             return self.level_min
         return -self.clear_at if self.comparison == "below" else self.clear_at
 
-    def covers(self, reading: MoteReading) -> bool:
-        """Whether a reading of the quantity is one that the rule is about."""
-        return (
-            (not self.motes or reading.mote in self.motes)
-            and (not self.robots or reading.via in self.robots)
-            and (self.area is None or self.area.holds(reading.place))
-        )
-
 
 LEVELS = ("above", "below", "rising_per_min", "falling_per_min")
 
@@ -278,13 +218,9 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def check(self, values: Values) -> None:
         """Check the parameters (ValueError), filled with these examples."""
-        for name, parameter in self.parameters.items():
-            try:
-                check_template(parameter, values)
-            except ValueError as error:
-                raise ValueError(f"task.parameters.{name}: {error}") from error
+        check_templates("task.parameters", self.parameters, values)
         if self.kind in STOCK_KINDS:
-            parameters = {name: fill(parameter, values) for name, parameter in self.parameters.items()}
+            parameters = fill(self.parameters, values)
             try:
                 check_parameters(Task(id="t", kind=self.kind, place=Point2D(0.0, 0.0), parameters=parameters))
             except BadParameters as error:
@@ -293,9 +229,8 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def needs_place(self) -> bool:
         """Whether no task can be made unless it is known where the reading was taken."""
-        used = _BRACES.findall(msgspec.json.encode(self.parameters).decode())
         is_given = self.place_m is not None or self.place
-        return not is_given or not {"x_m", "y_m", "place"}.isdisjoint(used)
+        return not is_given or not _OF_PLACE.keys().isdisjoint(names_in(self.parameters))
 
 
 TRIGGERS: Mapping[str, Values] = {"reading": OF_READING, "event": OF_EVENT, "schedule": OF_SCHEDULE}
@@ -319,11 +254,13 @@ class Per(StrEnum):
 
 
 class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`[[rules]]`: a task, and one of `[rules.reading]`, `[rules.event]` and `[rules.schedule]`, which triggers it."""
+    """`[[rules]]`: a task or a mission, and one of `[rules.reading]`, `[rules.event]` and `[rules.schedule]`."""
 
     name: Name
     """Letters, digits, `_`, `-` and `.`; its tasks are called by it."""
-    task: TaskOrder
+    task: TaskOrder | None = None
+    mission: MissionOrder | None = None
+    """The mission that is started in place of a task."""
     reading: ReadingCondition | None = None
     event: EventCondition | None = None
     schedule: ScheduleCondition | None = None
@@ -344,10 +281,15 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if len(given) != 1:
             got = " and ".join(given) or "none"
             raise ValueError(f"rule {self.name}: expected one of reading, event and schedule, got {got}")
-        if self.schedule is not None and self.task.needs_place:
+        if (self.task is None) == (self.mission is None):
+            raise ValueError(f"rule {self.name}: expected either task or mission")
+        if self.schedule is not None and self.task is not None and self.task.needs_place:
             raise ValueError(f"rule {self.name}: expected task.place or task.place_m for a schedule")
         try:
-            self.task.check(TRIGGERS[given[0]])
+            if self.task is not None:
+                self.task.check(TRIGGERS[given[0]])
+            if self.mission is not None:
+                check_templates("mission.parameters", self.mission.parameters, TRIGGERS[given[0]])
         except ValueError as error:
             raise ValueError(f"rule {self.name}: {error}") from error
 
@@ -359,16 +301,22 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return found
 
     @property
+    def needs_place(self) -> bool:
+        """Whether it does nothing unless it is known where the reading was taken, or where the robot is."""
+        if self.task is not None:
+            return self.task.needs_place
+        return self.mission is not None and not _OF_PLACE.keys().isdisjoint(names_in(self.mission.parameters))
+
+    @property
     def by(self) -> str:
         """Requester of its tasks."""
         return f"{BY}{self.name}"
 
 
-def check_rules(rules: Iterable[Rule]) -> None:
-    """Check rules that are to hold together (ValueError)."""
-    names = [rule.name for rule in rules]
-    if len(names) > RULES_MAX:
-        raise ValueError(f"expected at most {RULES_MAX} rules, got {len(names)}")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"expected each rule to have a name of its own, got {', '.join(twice)} twice")
+def check_rules(rules: Sequence[Rule], missions: Iterable[Mission] = ()) -> None:
+    """Check rules that are to hold together, with the missions that they may start (ValueError)."""
+    check_names("rule", RULES_MAX, rules)
+    known = {mission.name: mission for mission in missions}
+    for rule in rules:
+        if rule.mission is not None:
+            check_order(f"rule {rule.name}: mission", rule.mission, known)

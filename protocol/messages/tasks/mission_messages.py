@@ -1,0 +1,103 @@
+"""Missions of the team: what starts, lists and cancels them."""
+
+from enum import StrEnum
+from types import NoneType
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from robrain.protocol.errors import ErrorCode
+from robrain.protocol.model.ranges import Name, Names, Stamp, Text
+from robrain.protocol.model.tasks.mission import STEPS_MAX, MissionOrder
+from robrain.protocol.topic import Q, Query, R, Urgency
+
+
+class MissionState(StrEnum):
+    """`pending → running → done | failed | cancelled`."""
+
+    PENDING = "pending"
+    """No robot has begun a task of it."""
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        """Nothing follows this state."""
+        return self not in (MissionState.PENDING, MissionState.RUNNING)
+
+
+class StepState(StrEnum):
+    """`waiting → open → done | skipped | failed`."""
+
+    WAITING = "waiting"
+    """Steps before it have not ended."""
+    OPEN = "open"
+    DONE = "done"
+    SKIPPED = "skipped"
+    """It has failed, and the mission continues."""
+    FAILED = "failed"
+
+
+class StepStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A step of a mission."""
+
+    name: Name
+    state: StepState = StepState.WAITING
+    task: Name = ""
+    """Id of its last task; empty if none was made."""
+    why: Text = ""
+    """Why it has failed, in words."""
+
+
+class MissionStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A mission that was started."""
+
+    id: Name
+    mission: Name
+    """Its name among `[[missions]]`."""
+    state: MissionState
+    at: Names = []
+    """Steps that it is at; if it has failed, the step that failed."""
+    steps: Annotated[list[StepStatus], Meta(max_length=STEPS_MAX)] = []
+    why: Text = ""
+    """Why it has failed or was cancelled, in words."""
+    by: Text = ""
+    """Name of the requester."""
+    started_ns: Stamp = 0
+    ended_ns: Stamp = 0
+    """0 if it has not ended."""
+
+
+MissionList = Annotated[list[MissionStatus], Meta(max_length=1000)]
+
+
+class MissionStart(msgspec.Struct, frozen=True, kw_only=True):
+    """Start a mission. The id makes it idempotent: the same start again has the same effect."""
+
+    id: Name
+    order: MissionOrder
+    by: Text = ""
+    """Name of the requester."""
+
+
+class MissionCancel(msgspec.Struct, frozen=True, kw_only=True):
+    """Cancel a mission, and its tasks."""
+
+    id: Name
+    by: Text = ""
+    why: Text = ""
+
+
+def _mission_query(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:
+    return Query(f"task/mission/{verb}", doc, request, reply, alias=f"mission_{verb}", urgency=Urgency.INTERACTIVE_HIGH,
+                 errors=(ErrorCode.REFUSED,), **more)  # fmt: skip
+
+
+MISSION_START = _mission_query("start", MissionStart, MissionStatus, "Start a mission: replies its state")
+MISSION_CANCEL = _mission_query("cancel", MissionCancel, MissionStatus, "Cancel a mission and its tasks")
+MISSION_LIST = _mission_query(
+    "list", NoneType, list[MissionStatus], "Open missions, and the last that ended", reads_only=True
+)
