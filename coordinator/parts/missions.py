@@ -185,12 +185,12 @@ class Missions(CoordinatorPart):
         asked = request.asked
         known = self._missions.get(asked.id)
         if known is not None:
-            parameters = known.mission.parameters | asked.order.parameters
-            if (known.mission.name, known.parameters) != (asked.order.name, parameters):
+            parameters = known.mission.parameters | asked.parameters
+            if (known.mission.name, known.parameters) != (asked.mission, parameters):
                 raise CallError(ErrorCode.REFUSED, f"there is another mission {asked.id}")
             return self._once_kept(known.id)
         self._check_may_change(asked.id)
-        self.start(asked.id, asked.order, asked.by or request.by)
+        self.start(asked.id, MissionOrder(name=asked.mission, parameters=asked.parameters), asked.by or request.by)
         return self._once_kept(asked.id)
 
     def _cancel(self, request: Request[MissionCancel]) -> Deferred[MissionStatus]:

@@ -21,7 +21,7 @@ from robrain.protocol.messages.tasks.mission_messages import (
 )
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.mission import Mission, MissionOrder
+from robrain.protocol.model.tasks.mission import Mission
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
 
@@ -57,8 +57,8 @@ class MissionTeam:
         self.team.begin(self.journal, NO_PLANS, missions=self.missions)
 
     def start(self, name="round", id="m1", **parameters):
-        order = MissionOrder(name=name, parameters=parameters)
-        return self.team.ask(MISSION_START, MissionStart(id=id, order=order, by="me"), MissionStatus)
+        asked = MissionStart(id=id, mission=name, parameters=parameters, by="me")
+        return self.team.ask(MISSION_START, asked, MissionStatus)
 
     def cancel(self, id="m1", why="rain"):
         return self.team.ask(MISSION_CANCEL, MissionCancel(id=id, by="me", why=why), MissionStatus)
