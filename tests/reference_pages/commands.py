@@ -13,7 +13,8 @@ output that cannot be written is one with 1. Ctrl-C ends a command with 130. Com
 end with 0: `agent`, `coordinator`, `dashboard`, and `record` and `up` without `--until` and `--time-limit`.
 In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain COMMAND --help` prints the same as
 this page. Other pages: [robrain task](commands-task.md), [robrain mission](commands-mission.md),
-[robrain rule](commands-rule.md), [robrain zone](commands-zone.md), [robrain robot](commands-robot.md), [robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md),
+[robrain rule](commands-rule.md), [robrain zone](commands-zone.md), [robrain robot](commands-robot.md),
+[robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md),
 [robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md) and [robrain bench](commands-bench.md), and the
 [commands for recordings](commands-recordings.md).
 
