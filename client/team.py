@@ -94,7 +94,6 @@ from robrain.protocol.messages.team.zone_messages import (
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
-from robrain.protocol.model.tasks.mission import MissionOrder
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.model.tasks.task import Task
@@ -416,10 +415,9 @@ class Team(RobotCalls):
             NobodyThere: no coordinator answers.
 
         """
-        order = MissionOrder(name=mission, parameters=dict(parameters or {}))
 
         def start(mission_id: str) -> MissionStatus:
-            asked = MissionStart(id=mission_id, order=order, by=self.by)
+            asked = MissionStart(id=mission_id, mission=mission, parameters=dict(parameters or {}), by=self.by)
             return self._requests.coordinator(MISSION_START, asked)
 
         return self._mission_ids.submit(mission, start, self.by) if id is None else start(id)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress, Outcome
     from robrain.protocol.messages.robots.plugin_messages import PluginInfo
     from robrain.protocol.messages.robots.robot_messages import RobotState
+    from robrain.protocol.messages.tasks.mission_messages import MissionStatus
     from robrain.protocol.messages.tasks.offer_messages import TaskEvent
     from robrain.protocol.messages.tasks.plan_messages import PlanningStatus
     from robrain.protocol.messages.tasks.task_messages import KnownKind, TaskExplanation, TaskFilter, TaskRecord
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
     from robrain.protocol.model.tasks.objective import Objective
+    from robrain.protocol.model.tasks.rule import Rule
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.model.zone import Zone, ZoneKind
@@ -87,6 +89,7 @@ __all__ = [
     "KnownKind",
     "Level",
     "LinkSpec",
+    "MissionStatus",
     "MoteReading",
     "NobodyThere",
     "Objective",
@@ -109,6 +112,7 @@ __all__ = [
     "RobotHardware",
     "RobotState",
     "RobrainError",
+    "Rule",
     "RunResult",
     "ScanInterface",
     "Scenario",
@@ -195,6 +199,8 @@ _NAMES = {
     "robrain.sim.scenarios.driving": ("Progress",),
     "robrain.sim.scenarios.scenario": ("Scenario",),
     "robrain.sim.maps.surfaces": ("SurfaceSpec",),
+    "robrain.protocol.messages.tasks.mission_messages": ("MissionStatus",),
+    "robrain.protocol.model.tasks.rule": ("Rule",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
 

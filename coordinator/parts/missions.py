@@ -165,8 +165,8 @@ class Missions(CoordinatorPart):
             mission = self.known[order.name]
             parameters = mission.parameters | order.parameters
             check_steps(mission, mission_id, parameters, self._zone)
-            if taken := [step.name for step in mission.steps if self._book.find(task_id_of(mission_id, step.name))]:
-                raise ValueError(f"there is a task {task_id_of(mission_id, taken[0])} already")
+            if used := [step.name for step in mission.steps if self._book.find(task_id_of(mission_id, step.name))]:
+                raise ValueError(f"there is a task {task_id_of(mission_id, used[0])} already")
             if len(self._open) >= OPEN_MAX:
                 raise ValueError(f"expected at most {OPEN_MAX} open missions")
             now_ns = self.core.wire.clock.now_ns()
@@ -185,12 +185,12 @@ class Missions(CoordinatorPart):
         asked = request.asked
         known = self._missions.get(asked.id)
         if known is not None:
-            parameters = known.mission.parameters | asked.order.parameters
-            if (known.mission.name, known.parameters) != (asked.order.name, parameters):
+            parameters = known.mission.parameters | asked.parameters
+            if (known.mission.name, known.parameters) != (asked.mission, parameters):
                 raise CallError(ErrorCode.REFUSED, f"there is another mission {asked.id}")
             return self._once_kept(known.id)
         self._check_may_change(asked.id)
-        self.start(asked.id, asked.order, asked.by or request.by)
+        self.start(asked.id, MissionOrder(name=asked.mission, parameters=asked.parameters), asked.by or request.by)
         return self._once_kept(asked.id)
 
     def _cancel(self, request: Request[MissionCancel]) -> Deferred[MissionStatus]:
@@ -278,8 +278,8 @@ class Missions(CoordinatorPart):
 
     def _outcome(self, one: StoredMission, step: MissionStep) -> StepStatus | None:
         """How a step has ended; None if it is open, and its task has been made."""
-        stand_in_id = task_id_of(one.id, f"{step.name}.run")
-        stand_in = self._missions.get(stand_in_id)
+        other_id = task_id_of(one.id, f"{step.name}.run")
+        other = self._missions.get(other_id)
         attempt, record = self._attempt(one, step)
         task_id = task_id_of(one.id, step.name, attempt)
         if record is not None and record.by == BY + one.id:
@@ -290,27 +290,27 @@ class Missions(CoordinatorPart):
             why = f"task {task_id}: {record.why or record.state}"
         elif record is not None:
             why = f"there is another task {task_id}"
-        elif stand_in is not None:
-            why = stand_in.why
+        elif other is not None:
+            why = other.why
         elif not (why := self._make(one, step, task_id)):
             return None
         policy, state = step.on_failure, StepState.FAILED
         if policy is FailurePolicy.SKIP:
             state = StepState.SKIPPED
-        elif isinstance(policy, MissionOrder) and stand_in is None:
+        elif isinstance(policy, MissionOrder) and other is None:
             order = replace(policy, parameters=fill(policy.parameters, one.parameters))
             try:
-                self.start(stand_in_id, order, BY + one.id, parent=one.id)
+                self.start(other_id, order, BY + one.id, parent=one.id)
             except CallError as error:
                 _raise_unwritable(error)
                 why = f"{why}; {error}"
             else:
                 return None
-        elif stand_in is not None:
-            if not stand_in.state.ended:
+        elif other is not None:
+            if not other.state.ended:
                 return None
-            why = f"{why}; mission {stand_in.id} is {stand_in.state}"
-            state = StepState.SKIPPED if stand_in.state is MissionState.DONE else StepState.FAILED
+            why = f"{why}; mission {other.id} is {other.state}"
+            state = StepState.SKIPPED if other.state is MissionState.DONE else StepState.FAILED
         return StepStatus(name=step.name, state=state, task=task_id if record is not None else "", why=why)
 
     def _attempt(self, one: StoredMission, step: MissionStep) -> tuple[int, TaskRecord | None]:

@@ -164,6 +164,14 @@ def rules_html(view: ShownTeam) -> str:
     return render("team", "rules", rules=team.rules, stamp_ns=team.stamp_ns, rules_max=RULES)
 
 
+def missions_html(view: ShownTeam) -> str:
+    """State and current step of each mission; empty without missions."""
+    team = view.team
+    if team is None or not isinstance(team.missions, list) or not team.missions:
+        return ""
+    return render("team", "missions", missions=team.missions, stamp_ns=team.stamp_ns, missions_max=RULES)
+
+
 def task_text(robot: ShownRobot, view: ShownTeam) -> str:
     """The robot's task as it reports it, else as the coordinator does; not escaped."""
     status = robot.state.task if robot.state is not None else None

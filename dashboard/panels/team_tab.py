@@ -1,4 +1,4 @@
-"""The tab of the team: figures, robots, exploration, motes, rules and log."""
+"""The tab of the team: figures, robots, exploration, motes, missions, rules and log."""
 
 import numpy as np
 import viser
@@ -8,6 +8,7 @@ from robrain.dashboard.html.team_html import (
     field_html,
     left_html,
     log_html,
+    missions_html,
     robots_html,
     rules_html,
     summary_html,
@@ -40,6 +41,9 @@ class TeamTab(Tab):
         self._field_folder = gui.add_folder("Mote field", visible=False)
         with self._field_folder:
             self._field = gui.add_html("")
+        self._missions_folder = gui.add_folder("Missions", visible=False)
+        with self._missions_folder:
+            self._missions = gui.add_html("")
         self._rules_folder = gui.add_folder("Rules", visible=False)
         with self._rules_folder:
             self._rules = gui.add_html("")
@@ -65,6 +69,7 @@ class TeamTab(Tab):
         for folder, shown_html, html in (
             (self._left_folder, self._left, left_html(view)),
             (self._field_folder, self._field, field_html(view)),
+            (self._missions_folder, self._missions, missions_html(view)),
             (self._rules_folder, self._rules, rules_html(view)),
         ):
             set_visible(folder, bool(html))

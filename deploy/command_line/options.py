@@ -40,7 +40,7 @@ def connect_team(connect: str | None, team: str) -> "Team":
 RecordOption = Annotated[Path | None, typer.Option(help="Record to this new MCAP file.")]
 ListenOption = Annotated[str | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
 RulesOption = Annotated[
-    Path | None, typer.Option(help="TOML file with [[rules]] that create tasks from sensor readings.")
+    Path | None, typer.Option(help="TOML file with [[rules]] that create tasks, and with [[missions]].")
 ]
 JournalOption = Annotated[
     Path | None,

@@ -55,21 +55,30 @@ def tasks_in(path: Path) -> list[TaskWords]:
 
 
 def parameters_set(words: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parse parameters of a kind of task, `NAME=VALUE`; values that are not JSON are text.
+    """Parse parameters of a kind of task, as `values_set` does.
 
     Raises:
         UsageError: one has another form, names a field with its own option, or is given twice.
 
     """
+    found = values_set(words)
+    for name in found:
+        if name in COMMON or name in RELATIVE:
+            raise UsageError(f"--set {name}: it is a field of every task; use its own option")
+        if name in given:
+            raise UsageError(f"--set {name}: it is given twice")
+    return found
+
+
+def values_set(words: Sequence[str]) -> dict[str, Any]:
+    """Parse `NAME=VALUE`; values that are not JSON are text (UsageError for another form, or a name given twice)."""
     found: dict[str, Any] = {}
     for word in words:
         name, equals, text = word.partition("=")
         if not (name and equals):
             raise UsageError(f"--set {word}: expected NAME=VALUE")
-        if name in COMMON or name in RELATIVE:
-            raise UsageError(f"--set {word}: {name} is a field of every task; use its own option")
-        if name in found or name in given:
-            raise UsageError(f"--set {word}: {name} is given twice")
+        if name in found:
+            raise UsageError(f"--set {name}: it is given twice")
         try:
             found[name] = json.loads(text)
         except (ValueError, RecursionError):

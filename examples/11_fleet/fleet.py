@@ -16,9 +16,7 @@ SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 7200.0
 RECORDING = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("fleet.mcap")
 LATE_S = 300.0
 """An open task that is older is late."""
-BLOCKED = Zone(
-    name="works", kind=ZoneKind.KEEP_OUT, corners_m=((23.0, 11.3), (27.0, 11.3), (27.0, 13.5), (23.0, 13.5))
-)
+BLOCKED = Zone(name="works", kind=ZoneKind.KEEP_OUT, corners_m=((23.0, 11.3), (27.0, 11.3), (27.0, 13.5), (23.0, 13.5)))
 
 
 def at(team: Team, share: float) -> None:

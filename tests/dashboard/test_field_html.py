@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from robrain.dashboard.html.team_html import field_html, left_html, motes_html, rules_html
+from robrain.dashboard.html.team_html import field_html, left_html, missions_html, motes_html, rules_html
 from robrain.dashboard.state.radio_links import mote_routes
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.clock import to_ns
@@ -16,6 +16,7 @@ from robrain.protocol.messages.motes.mote_messages import (
     MoteFieldState,
     MoteReading,
 )
+from robrain.protocol.messages.tasks.mission_messages import MissionState, MissionStatus
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
@@ -31,10 +32,18 @@ FIELD = MoteFieldState(
 )  # fmt: skip
 
 
-def view_of(field: MoteFieldState | None = None, rules: list[RuleStatus] | None = None) -> ShownTeam:
+def view_of(
+    field: MoteFieldState | None = None,
+    rules: list[RuleStatus] | None = None,
+    missions: list[MissionStatus] | None = None,
+) -> ShownTeam:
     view = ShownTeam()
-    none = msgspec.UNSET
-    state = TeamState(robots=[], mote_field=none if field is None else field, rules=none if rules is None else rules)
+    state = TeamState(
+        robots=[],
+        mote_field=msgspec.UNSET if field is None else field,
+        rules=msgspec.UNSET if rules is None else rules,
+        missions=msgspec.UNSET if missions is None else missions,
+    )
     view.team = msgspec.structs.replace(state, stamp_ns=NOW_NS)
     return view
 
@@ -52,15 +61,27 @@ def test_field_is_told_in_figures_with_its_forwarders_and_gateways() -> None:
     assert '<b class="rb-bad">3</b>' in field_html(view_of(FIELD))
 
 
+def test_missions_are_listed_with_state_step_and_reason() -> None:
+    assert missions_html(view_of()) == ""
+    running = MissionStatus(id="m1", mission="round", state=MissionState.RUNNING, at=["gate", "look"])
+    failed = MissionStatus(id="m2", mission="round", state=MissionState.FAILED, at=["gate"], why="step gate: a wall")
+    html = missions_html(view_of(missions=[running, failed]))
+    values = Page(html).values
+    assert (values["mission-m1-state"], values["mission-m2-state"]) == ("running at gate, look", "failed at gate")
+    assert values["mission-m2-why"] == "step gate: a wall"
+    assert '<span class="rb-bad">failed</span>' in html
+
+
 def test_names_from_the_wire_never_become_markup() -> None:
     field = msgspec.structs.replace(
         FIELD,
         forwarders=[ForwarderCount(mote=EVIL, readings=1)],
         gateways=[GatewayCount(name=EVIL, readings=1, waiting=1, dropped=1, last_seen_ns=0)],
     )
-    view = view_of(field, [RuleStatus(name=EVIL, waits=EVIL, refused=1, why=EVIL)])
+    mission = MissionStatus(id=EVIL, mission=EVIL, state=MissionState.FAILED, at=[EVIL], why=EVIL)
+    view = view_of(field, [RuleStatus(name=EVIL, waits=EVIL, refused=1, why=EVIL)], [mission])
     tell(view, MOTE_READING, reading("m1", via=EVIL, hops=1, forwarder=EVIL), mote="m1")
-    for html in (field_html(view), rules_html(view), motes_html(view)):
+    for html in (field_html(view), rules_html(view), missions_html(view), motes_html(view)):
         page = Page(html)
         assert page.tags <= TAGS
         assert page.attributes <= ATTRIBUTES

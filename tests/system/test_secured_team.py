@@ -39,6 +39,12 @@ MEMBERS = (
     "dashboard hall",
 )  # fmt: skip
 ZONES = '[[planning.zones]]\nname = "dock"\nkind = "keep_out"\ncorners_m = [[2, 2], [3, 2], [3, 3]]\n'
+RULES = """
+[[rules]]
+name = "night"
+schedule = { rrule = "FREQ=DAILY" }
+task = { kind = "visit", place = "dock" }
+"""
 VISIT = "task add visit --at 16,6.3"
 ALLOWED = {
     "status": (0, "r1"),
@@ -70,6 +76,12 @@ ALLOWED = {
     "robot release r1": (0, "r1: in service"),
     "robot retire r9": (2, "no such robot is known"),
     "zone list": (0, "the team has no zones"),
+    "rule put rules.toml": (0, "night: FREQ=DAILY"),
+    "rule list": (0, "night: FREQ=DAILY"),
+    "rule remove night": (0, "the team has no rules"),
+    "mission list": (0, "no mission was started"),
+    "mission start round": (2, "there is no mission round"),
+    "mission cancel round-1": (2, "there is no mission round-1"),
     "zone put zones.toml": (0, "dock: keep out"),
     "zone remove dock": (0, "the team has no zones"),
     "top --once": (0, "coordinator"),
@@ -101,6 +113,11 @@ REFUSED = {
     "task cancel v1": (2, "viewer:vic may not ask task_cancel"),
     "task objective makespan": (2, "viewer:vic may not ask coordinator_objective"),
     "journal backup": (2, "viewer:vic may not ask coordinator_backup"),
+    "rule list": (0, "the team has no rules"),
+    "rule remove night": (2, "viewer:vic may not ask coordinator_rules_change"),
+    "mission list": (0, "no mission was started"),
+    "mission start round": (2, "viewer:vic may not ask mission_start"),
+    "mission cancel round-1": (2, "viewer:vic may not ask mission_cancel"),
     "zone list": (0, "the team has no zones"),
     "robot hold r1": (2, "viewer:vic may not ask coordinator_hold_robot"),
     "zone remove dock": (2, "viewer:vic may not ask coordinator_zones_change"),
@@ -224,6 +241,7 @@ class BlueTeam:
         self.recorder = self.start("recorder rec", "record", "--output", "run.mcap")
         self.parts = [arena, coordinator]
         (folder / "zones.toml").write_text(ZONES)
+        (folder / "rules.toml").write_text(RULES)
         Commands.line_with(arena, "robots r1")
         robot_file = folder / "robots" / "r1.toml"
         robot_file.write_text(robot_file.read_text() + '\n[zenoh.tls]\nfolder = "../pki/members/robot.r1"\n')

@@ -9,7 +9,8 @@ from msgspec import Meta
 
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.ranges import Name, Names, Stamp, Text
-from robrain.protocol.model.tasks.mission import STEPS_MAX, MissionOrder
+from robrain.protocol.model.tasks.mission import STEPS_MAX
+from robrain.protocol.model.tasks.task import Parameters
 from robrain.protocol.topic import Q, Query, R, Urgency
 
 
@@ -78,7 +79,10 @@ class MissionStart(msgspec.Struct, frozen=True, kw_only=True):
     """Start a mission. The id makes it idempotent: the same start again has the same effect."""
 
     id: Name
-    order: MissionOrder
+    mission: Name
+    """Its name among `[[missions]]`."""
+    parameters: Parameters = {}
+    """Values of its parameters; the mission's defaults for those that are not given."""
     by: Text = ""
     """Name of the requester."""
 

@@ -46,7 +46,7 @@ class RuleTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RuleChange(msgspec.Struct, frozen=True, kw_only=True):
-    """Rules to add, to replace or to remove."""
+    """Rules to add, to replace or to remove. As in a file, an unknown field of a rule is refused, not ignored."""
 
     put: RuleList = []
     """New rules; each replaces the rule with its name, if there is one."""

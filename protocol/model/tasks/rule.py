@@ -32,7 +32,7 @@ from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority
+from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority, Quantity
 from robrain.protocol.model.recurrence import Recurrence
 from robrain.protocol.model.tasks.mission import Mission, MissionOrder, check_order
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
@@ -83,19 +83,19 @@ class ReadingCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields
 
     quantity: Name
     """Measured quantity, as readings name it, such as `temperature_c`."""
-    above: float | None = None
+    above: Quantity | None = None
     """The value is above this."""
-    below: float | None = None
+    below: Quantity | None = None
     """The value is below this."""
-    rising_per_min: float | None = None
+    rising_per_min: Quantity | None = None
     """The value rises by more than this per minute, by a straight line through a mote's readings of `over_s`."""
-    falling_per_min: float | None = None
+    falling_per_min: Quantity | None = None
     """The value falls by more than this per minute."""
     for_s: Duration = 0.0
     """How long all readings of a mote must have met the condition; with 0 one reading is enough."""
     over_s: PositiveDuration = 60.0
     """Time over which a rate is measured: at least three readings, from at least half of that time."""
-    clear_at: float | None = None
+    clear_at: Quantity | None = None
     """The rule is armed again when the value, or the rate, is back at this. Default: the threshold."""
     max_age_s: PositiveDuration = 60.0
     """A mote whose latest reading is older on arrival makes no task; such readings still count as its past."""
@@ -167,9 +167,9 @@ class EventCondition(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Only of these robots; of all if empty."""
     field: Name = ""
     """The part of the event's value that counts, with dots where it is nested; empty for the value itself."""
-    above: float | None = None
+    above: Quantity | None = None
     """That part must be a number above this."""
-    below: float | None = None
+    below: Quantity | None = None
     """That part must be a number below this."""
     max_age_s: PositiveDuration = 60.0
     """An event that is older on arrival makes no task."""

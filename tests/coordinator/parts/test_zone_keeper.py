@@ -68,7 +68,7 @@ def test_zones_are_added_replaced_and_removed(team):
     with pytest.raises(CallError, match="got middle twice"):
         change(team, MIDDLE, MIDDLE)
     many = ((1.0, 0.0), *((0.0, 0.01 * number) for number in range(4095)))
-    with pytest.raises(CallError, match="at most 16384 corners of all zones together, got 20484"):
+    with pytest.raises(CallError, match="at most 16384 corners of all zones together, got 20480"):
         change(team, *(msgspec.structs.replace(CORNER, name=f"z{number}", corners_m=many) for number in range(5)))
     assert change(team) == [MIDDLE]
 

@@ -1,5 +1,7 @@
 """A team with rules, and motes that say what a test has them say."""
 
+from collections.abc import Sequence
+
 import msgspec
 
 from robrain.coordinator.journal.journal import Journal
@@ -7,8 +9,15 @@ from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT, PluginEvent
+from robrain.protocol.messages.tasks.rule_messages import (
+    COORDINATOR_RULES_CHANGE,
+    COORDINATOR_RULES_NOW,
+    RuleChange,
+    RuleTable,
+)
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.tasks.mission import Mission
 from robrain.protocol.model.tasks.rule import Rule
 
 NO_PLANS = PlanningPolicy(method=NEAREST)
@@ -18,32 +27,34 @@ PLACE = Point2D(6.5, 4.0)
 
 def rule(name="heat", *, reading=None, event=None, task=None, **fields) -> Rule:
     """A rule as a file has it; a threshold of 26 °C unless something else is given."""
-    if reading is None and event is None:
+    if reading is None and event is None and "schedule" not in fields:
         reading = {"above": 26.0}
     if reading is not None:
         fields["reading"] = {"quantity": "temperature_c", **reading}
     if event is not None:
         fields["event"] = event
-    return msgspec.convert({"name": name, "task": {"kind": "visit", **(task or {})}, **fields}, Rule)
+    if "mission" not in fields:
+        fields["task"] = {"kind": "visit", **(task or {})}
+    return msgspec.convert({"name": name, **fields}, Rule)
 
 
 class SensedTeam:
     """One robot in a closed room, and motes."""
 
-    def __init__(self, team, *rules: Rule) -> None:
-        self.team = team
-        self.journal = Journal()
+    def __init__(self, team, *rules: Rule, missions: Sequence[Mission] = (), journal: Journal | None = None) -> None:
+        self.team, self.missions = team, missions
+        self.journal = Journal() if journal is None else journal
         self._wire = team.endpoint()
         self._readings = {}
         self._events = {}
         self._sequences = {}
-        team.begin(self.journal, NO_PLANS, rules)
+        self.restart(*rules)
         self.robot = team.robot("r1", 4.5, 3.0)
         team.closed_room()
         team.run(1.0)
 
     def restart(self, *rules: Rule) -> None:
-        self.team.begin(self.journal, NO_PLANS, rules)
+        self.team.begin(self.journal, NO_PLANS, rules, self.missions)
 
     @property
     def now_s(self) -> float:
@@ -77,6 +88,13 @@ class SensedTeam:
             self._events[key] = self._wire.publisher(ROBOT_EVENT, robot=robot, plugin=plugin, event=event)
         self._events[key].put(PluginEvent(robot=robot, plugin=plugin, event=event, value=value), stamp_ns)
         self.team.run(run_s)
+
+    def change(self, *put: Rule, remove=()) -> list[str]:
+        """Change the rules; returns the names of all."""
+        table = self.team.ask(COORDINATOR_RULES_CHANGE, RuleChange(put=[*put], remove=[*remove]), RuleTable)
+        assert [state.name for state in table.states] == [each.name for each in table.rules]
+        assert table == self.team.ask(COORDINATOR_RULES_NOW, None, RuleTable)
+        return [each.name for each in table.rules]
 
     def made(self, name="heat"):
         """The tasks of a rule, oldest first, as the journal has them."""

@@ -24,7 +24,7 @@ FORBIDDEN_CALLS = {
     ("driver", "cancel"), ("driver", "drive"), ("driver", "drive_path"), ("driver", "go_to"), ("driver", "move"),
     ("driver", "stop"), ("driver", "acquire_hand_lease"), ("driver", "turn"),
     ("mocdevice", "stop"),
-    ("wander", "start"), ("wander", "stop"),
+    ("follow", "point"), ("wander", "start"), ("wander", "stop"),
     ("idle", "wait_at"),
     ("home", "ask"), ("home", "learn"),
 }  # fmt: skip

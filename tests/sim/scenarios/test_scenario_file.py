@@ -56,7 +56,7 @@ WRONG = {
         "faults[0]: expected the name of a robot",
     ),
     "a delay of an agent": ("[disturbance.agent]\nduration_s = [1.0, 0.5]", "disturbance.agent: expected duration_s"),
-    "doors without timetable": (DOOR, "doors[0]: expected either open_s or period_s"),
+    "doors without timetable": (DOOR, "doors[0]: expected one of open_s, period_s and opening_s"),
     "no order": (f"{DOOR}open_s = [[3, 5], [4, 6]]", "doors[0]: expected open_s as intervals in order"),
     "one point": ("[[movers]]\nvia_m = [[1, 1]]", "movers[0]: expected at least two points in via_m, got 1"),
     "one place": ("[[people]]\nplaces_m = [[1, 1]]", "people[0]: expected at least two places_m, got 1"),
