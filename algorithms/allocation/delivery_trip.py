@@ -1,8 +1,8 @@
 """Order of the stops of one robot that picks up and delivers several items on a trip.
 
 Cheapest insertion, then items and single stops are taken out and inserted again while that shortens the trip.
-Heuristics for pickup and delivery build on this insertion of pairs (S. Ropke, D. Pisinger, An Adaptive Large Neighborhood
-Search Heuristic for the Pickup and Delivery Problem with Time Windows, Transportation Science 40, 2006).
+Heuristics for pickup and delivery build on this insertion of pairs (S. Ropke, D. Pisinger, An Adaptive Large
+Neighborhood Search Heuristic for the Pickup and Delivery Problem with Time Windows, Transportation Science 40, 2006).
 """
 
 import itertools
