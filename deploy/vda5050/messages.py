@@ -1,0 +1,481 @@
+"""Messages of VDA 5050 in the versions 2.1.0 and 3.0.0, as structs with ranges.
+
+A field that only one of the versions has, or that has another name there, is absent in messages of the other version.
+The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or writes; others are ignored.
+"""
+
+import datetime
+from enum import StrEnum
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import RobrainError
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.ranges import Metres, Radians, Speed
+
+MESSAGE_MAX_BYTES = 1_048_576
+NODES_MAX = 1000
+"""Nodes of an order, and of one with its updates."""
+ID_MAX = 128
+"""Characters of an id."""
+Id = Annotated[str, Meta(max_length=ID_MAX)]
+Prose = Annotated[str, Meta(max_length=4096)]
+Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
+Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
+Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
+B = TypeVar("B", bound="Body")
+
+
+class BadMessage(RobrainError):
+    """A message of MQTT that cannot be read; the text names topic and key."""
+
+
+class Version(StrEnum):
+    """A version of VDA 5050."""
+
+    V2_1 = "2.1.0"
+    V3_0 = "3.0.0"
+
+    @property
+    def interface(self) -> str:
+        """First levels of the suggested topics."""
+        return "uagv/v2" if self is Version.V2_1 else "vda5050/v3"
+
+
+class Vehicle(NamedTuple):
+    """Address of a vehicle on MQTT."""
+
+    version: Version
+    manufacturer: str
+    serial: str
+
+    def topic(self, name: str) -> str:
+        """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
+        return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
+
+    def payload(self, body: "Body", header_id: int, now_ns: int) -> bytes:
+        """A message with the protocol header."""
+        stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
+        header = Header(
+            header_id=header_id % 2**32,
+            timestamp=stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            version=self.version,
+            manufacturer=self.manufacturer,
+            serial_number=self.serial,
+        )
+        return msgspec.json.encode({**msgspec.to_builtins(header), **msgspec.to_builtins(body)})
+
+
+class Body(msgspec.Struct, rename="camel"):
+    """A message without its header, or a part of one."""
+
+
+class Header(Body):
+    """The protocol header."""
+
+    header_id: Number
+    timestamp: Annotated[str, Meta(max_length=64)]
+    version: Id
+    manufacturer: Id
+    serial_number: Id
+
+
+def read(topic: str, payload: bytes, kind: type[B]) -> B:
+    """Decode and check a message (BadMessage)."""
+    if len(payload) > MESSAGE_MAX_BYTES:
+        raise BadMessage(f"{topic}: expected at most {MESSAGE_MAX_BYTES} bytes, got {len(payload)}")
+    try:
+        msgspec.json.decode(payload, type=Header)
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadMessage(f"{topic}: {error}") from error
+
+
+# -- orders and actions -----------------------------------------------------------------------------------------------
+
+
+class BlockingType(StrEnum):
+    """Whether an action allows driving and other actions."""
+
+    NONE = "NONE"
+    SOFT = "SOFT"
+    SINGLE = "SINGLE"
+    HARD = "HARD"
+
+
+class ActionStatus(StrEnum):
+    """State of an action."""
+
+    WAITING = "WAITING"
+    INITIALIZING = "INITIALIZING"
+    RUNNING = "RUNNING"
+    PAUSED = "PAUSED"
+    RETRIABLE = "RETRIABLE"
+    FINISHED = "FINISHED"
+    FAILED = "FAILED"
+
+    @property
+    def ended(self) -> bool:
+        """Nothing follows."""
+        return self in (ActionStatus.FINISHED, ActionStatus.FAILED)
+
+
+class ActionParameter(Body):
+    """Parameter of an action."""
+
+    key: Id
+    value: Any
+
+
+class Action(Body):
+    """An action of a node or an edge, or an instant action."""
+
+    action_type: Id
+    action_id: Id
+    blocking_type: BlockingType
+    action_parameters: Annotated[list[ActionParameter], Meta(max_length=64)] | UnsetType = UNSET
+
+    def parameter(self, key: str) -> Any:
+        """Value of a parameter; None without one."""
+        return next((one.value for one in self.action_parameters or () if one.key == key), None)
+
+
+Actions = Annotated[list[Action], Meta(max_length=64)]
+
+
+class Ellipse(Body):
+    """Deviation from a node in version 3: half axes, metres, and their direction."""
+
+    a: Metres
+    b: Metres
+    theta: Radians
+
+
+class NodePosition(Body):
+    """Place of a node, in the map's frame: metres and radians."""
+
+    x: Metres
+    y: Metres
+    map_id: Id
+    theta: Radians | UnsetType = UNSET
+    allowed_deviation: Metres | Ellipse | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
+
+    @property
+    def deviation_m(self) -> float:
+        """Allowed distance from the node; 0 if none is given."""
+        allowed = self.allowed_deviation
+        return min(allowed.a, allowed.b) if isinstance(allowed, Ellipse) else allowed or 0.0
+
+
+class Node(Body):
+    """A node of an order."""
+
+    node_id: Id
+    sequence_id: Number
+    released: bool
+    actions: Actions
+    node_position: NodePosition | UnsetType = UNSET
+
+
+UNUSED_OF_EDGES = (
+    "trajectory", "corridor", "maxSpeed", "maximumSpeed", "maxHeight", "maximumMobileRobotHeight", "minHeight",
+    "minimumLoadHandlingDeviceHeight", "orientation", "direction", "maxRotationSpeed",
+)  # fmt: skip
+"""Optional fields of an edge that bind a vehicle, and that robots cannot obey."""
+
+
+class Edge(Body):
+    """An edge of an order."""
+
+    edge_id: Id
+    sequence_id: Number
+    released: bool
+    actions: Actions
+    start_node_id: Id | UnsetType = UNSET
+    end_node_id: Id | UnsetType = UNSET
+
+
+class Order(Body):
+    """An order, or an update of one."""
+
+    order_id: Id
+    order_update_id: Number
+    nodes: Annotated[list[Node], Meta(min_length=1, max_length=NODES_MAX)]
+    edges: Annotated[list[Edge], Meta(max_length=NODES_MAX)]
+
+
+class InstantActions(Body):
+    """Actions for now."""
+
+    actions: Actions
+
+
+# -- state ------------------------------------------------------------------------------------------------------------
+
+
+class OperatingMode(StrEnum):
+    """Who controls a vehicle."""
+
+    STARTUP = "STARTUP"
+    AUTOMATIC = "AUTOMATIC"
+    SEMIAUTOMATIC = "SEMIAUTOMATIC"
+    INTERVENED = "INTERVENED"
+    MANUAL = "MANUAL"
+    SERVICE = "SERVICE"
+    TEACHIN = "TEACHIN"
+    TEACH_IN = "TEACH_IN"
+
+
+class ErrorLevel(StrEnum):
+    """How serious an error is."""
+
+    WARNING = "WARNING"
+    URGENT = "URGENT"
+    CRITICAL = "CRITICAL"
+    FATAL = "FATAL"
+
+
+class Reference(Body):
+    """The cause of an error."""
+
+    reference_key: Id
+    reference_value: Prose
+
+
+class VehicleError(Body):
+    """An error that a vehicle reports."""
+
+    error_type: Id
+    error_level: ErrorLevel
+    error_description: Prose | UnsetType = UNSET
+    error_references: Annotated[list[Reference], Meta(max_length=64)] | UnsetType = UNSET
+
+    def refers_to(self, key: str, value: str) -> bool:
+        """Whether a reference is the given one."""
+        return any((one.reference_key, one.reference_value) == (key, value) for one in self.error_references or ())
+
+    @property
+    def words(self) -> str:
+        """The error in one line."""
+        return f"{self.error_type}: {self.error_description}" if self.error_description else self.error_type
+
+
+class ActionState(Body):
+    """State of an action."""
+
+    action_id: Id
+    action_status: ActionStatus
+    action_type: Id | UnsetType = UNSET
+    result_description: Prose | UnsetType = UNSET
+    action_result: Prose | UnsetType = UNSET
+
+
+class NodeState(Body):
+    """A node that the vehicle has yet to reach."""
+
+    node_id: Id
+    sequence_id: Number
+    released: bool
+    node_position: NodePosition | UnsetType = UNSET
+
+
+class EdgeState(Body):
+    """An edge that the vehicle has yet to leave."""
+
+    edge_id: Id
+    sequence_id: Number
+    released: bool
+
+
+class Position(Body):
+    """Position of a vehicle: metres and radians, map frame."""
+
+    x: Metres
+    y: Metres
+    theta: Radians
+    map_id: Id
+    position_initialized: bool | UnsetType = UNSET
+    localized: bool | UnsetType = UNSET
+
+
+class Velocity(Body):
+    """Velocity of a vehicle, in its frame."""
+
+    vx: Speed = 0.0
+    vy: Speed = 0.0
+    omega: Speed = 0.0
+
+
+class PowerSupply(Body):
+    """Battery of a vehicle: `stateOfCharge` is `batteryCharge` in version 2."""
+
+    charging: bool
+    battery_charge: Percent | UnsetType = UNSET
+    state_of_charge: Percent | UnsetType = UNSET
+    battery_voltage: Amount | UnsetType = UNSET
+    battery_current: Amount | UnsetType = UNSET
+
+
+class SafetyState(Body):
+    """Emergency stop and protective field: `activeEmergencyStop` is `eStop` in version 2."""
+
+    field_violation: bool
+    e_stop: Id | UnsetType = UNSET
+    active_emergency_stop: Id | UnsetType = UNSET
+
+
+class Waypoint(Body):
+    """A point of the path that a vehicle follows next."""
+
+    x: Metres
+    y: Metres
+    eta: Annotated[str, Meta(max_length=64)]
+
+
+class Polyline(Body):
+    """The path that a vehicle follows next."""
+
+    polyline: Annotated[list[Waypoint], Meta(max_length=10_000)]
+
+
+class ControlPoint(Body):
+    """A control point of a NURBS."""
+
+    x: Metres
+    y: Metres
+
+
+class Nurbs(Body):
+    """A curve; of degree 1 it is a polyline."""
+
+    degree: Annotated[int, Meta(ge=1, le=100)]
+    knot_vector: Annotated[list[float], Meta(max_length=10_100)]
+    control_points: Annotated[list[ControlPoint], Meta(max_length=10_000)]
+
+
+class PlannedTrajectory(Body):
+    """The path that a vehicle has planned."""
+
+    trajectory: Nurbs
+
+
+class ZoneSetState(Body):
+    """A zone set on a vehicle."""
+
+    zone_set_id: Id
+    map_id: Id
+    zone_set_status: Id
+
+
+class State(Body):
+    """State of a vehicle."""
+
+    order_id: Id
+    order_update_id: Number
+    last_node_id: Id
+    last_node_sequence_id: Number
+    node_states: Annotated[list[NodeState], Meta(max_length=NODES_MAX)]
+    edge_states: Annotated[list[EdgeState], Meta(max_length=NODES_MAX)]
+    driving: bool
+    operating_mode: OperatingMode
+    action_states: Annotated[list[ActionState], Meta(max_length=10_000)]
+    errors: Annotated[list[VehicleError], Meta(max_length=256)]
+    safety_state: SafetyState
+    paused: bool | UnsetType = UNSET
+    instant_action_states: Annotated[list[ActionState], Meta(max_length=10_000)] | UnsetType = UNSET
+    velocity: Velocity | UnsetType = UNSET
+    agv_position: Position | UnsetType = UNSET
+    mobile_robot_position: Position | UnsetType = UNSET
+    battery_state: PowerSupply | UnsetType = UNSET
+    power_supply: PowerSupply | UnsetType = UNSET
+    planned_path: PlannedTrajectory | UnsetType = UNSET
+    intermediate_path: Polyline | UnsetType = UNSET
+    zone_sets: Annotated[list[ZoneSetState], Meta(max_length=64)] | UnsetType = UNSET
+
+    @property
+    def position(self) -> Position | None:
+        """Where the vehicle is; None if it does not know."""
+        found = self.mobile_robot_position or self.agv_position
+        return found if found and (found.localized or found.position_initialized) else None
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it does no order, also none whose actions still run."""
+        return not (self.node_states or self.edge_states) and all(one.action_status.ended for one in self.action_states)
+
+
+class Visualization(Body):
+    """Position of a vehicle, more often than its state."""
+
+    reference_state_header_id: Number | UnsetType = UNSET
+    agv_position: Position | UnsetType = UNSET
+    mobile_robot_position: Position | UnsetType = UNSET
+    velocity: Velocity | UnsetType = UNSET
+    planned_path: PlannedTrajectory | UnsetType = UNSET
+    intermediate_path: Polyline | UnsetType = UNSET
+
+
+class ConnectionState(StrEnum):
+    """Whether a vehicle is connected to the broker."""
+
+    ONLINE = "ONLINE"
+    OFFLINE = "OFFLINE"
+    HIBERNATING = "HIBERNATING"
+    BROKEN_2 = "CONNECTIONBROKEN"
+    BROKEN_3 = "CONNECTION_BROKEN"
+
+    @classmethod
+    def broken(cls, version: Version) -> "ConnectionState":
+        """The value of a last will."""
+        return cls.BROKEN_2 if version is Version.V2_1 else cls.BROKEN_3
+
+
+class Connection(Body):
+    """A vehicle's connection to the broker."""
+
+    connection_state: ConnectionState
+
+
+class ZoneOnMap(Body):
+    """A zone of a zone set."""
+
+    zone_id: Id
+    zone_type: Id
+    vertices: list[ControlPoint]
+    maximum_speed: float | UnsetType = UNSET
+    penalty_factor: float | UnsetType = UNSET
+
+
+class ZoneSetContent(Body):
+    """The zones of a map."""
+
+    map_id: Id
+    zone_set_id: Id
+    zones: list[ZoneOnMap]
+
+
+class ZoneSet(Body):
+    """Zones for a vehicle, of version 3."""
+
+    zone_set: ZoneSetContent
+
+
+# -- frames -----------------------------------------------------------------------------------------------------------
+
+
+class MapPlace(NamedTuple):
+    """The vehicles' map in the arena frame."""
+
+    map_id: str
+    T_arena_map: Pose2D
+
+    def to_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the map in the arena frame."""
+        return self.T_arena_map.compose(Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
+
+    def from_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the arena frame in the map's."""
+        return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))
