@@ -56,17 +56,22 @@ class Vehicle(NamedTuple):
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
         return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
 
-    def payload(self, body: "Body", header_id: int, now_ns: int) -> bytes:
+    def payload(self, body: "Body | dict[str, Any]", header_id: int, now_ns: int) -> bytes:
         """A message with the protocol header."""
-        stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
         header = Header(
             header_id=header_id % 2**32,
-            timestamp=stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            timestamp=timestamp(now_ns),
             version=self.version,
             manufacturer=self.manufacturer,
             serial_number=self.serial,
         )
         return msgspec.json.encode({**msgspec.to_builtins(header), **msgspec.to_builtins(body)})
+
+
+def timestamp(now_ns: int) -> str:
+    """A stamp of the live clock in the form of the standard."""
+    stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
+    return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class Body(msgspec.Struct, rename="camel"):
@@ -178,13 +183,6 @@ class Node(Body):
     released: bool
     actions: Actions
     node_position: NodePosition | UnsetType = UNSET
-
-
-UNUSED_OF_EDGES = (
-    "trajectory", "corridor", "maxSpeed", "maximumSpeed", "maxHeight", "maximumMobileRobotHeight", "minHeight",
-    "minimumLoadHandlingDeviceHeight", "orientation", "direction", "maxRotationSpeed",
-)  # fmt: skip
-"""Optional fields of an edge that bind a vehicle, and that robots cannot obey."""
 
 
 class Edge(Body):

@@ -1,6 +1,7 @@
 """`robrain vda5050 …`: options."""
 
 import re
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -58,6 +59,31 @@ def vehicle(
     robot = VehicleRobot(name, version, place, radius, continues_for)
     team = check_name("team", team)
     vehicle_command(found, name, Broker.read(broker), robot, connect, team)
+
+
+@vda5050_app.command()
+def fleet(
+    broker: BrokerOption,
+    version: VersionOption = Version.V2_1,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    manufacturer: Annotated[str, typer.Option(help="Manufacturer of the vehicles.")] = "robrain",
+    map_id: Annotated[str, typer.Option(help="Id of their map.")] = "arena",
+    map_offset: MapOffsetOption = "0,0",
+    map_yaw: MapYawOption = 0.0,
+    orders: Annotated[
+        Path | None, typer.Option(help="Folder for the current orders; default: TEAM.vda5050 in this folder.")
+    ] = None,
+) -> None:
+    """Show the robots as vehicles to a VDA 5050 master, and do its orders."""
+    check_name("team", team)
+    read_address(f"{manufacturer}/robot", version)
+    place = map_place(map_id, map_offset, map_yaw)
+    from robrain.deploy.vda5050.fleet_process import fleet_command
+    from robrain.deploy.vda5050.mqtt_link import Broker
+
+    folder = Path(f"{team}.vda5050") if orders is None else orders
+    fleet_command(connect, team, Broker.read(broker), version, manufacturer, place, folder)
 
 
 def read_address(text: str, version: Version) -> Vehicle:
