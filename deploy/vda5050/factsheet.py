@@ -25,14 +25,14 @@ def factsheet(version: Version, robot: RobotState | None) -> dict[str, Any]:
 
     diameter_m = 2.0 * (robot.radius_m if robot is not None else 0.0)
     ends = {} if is_old else {"pauseAllowed": False, "cancelAllowed": True}
-    blocking = ["SOFT", "HARD"]
-    wait = {
+    wait: dict[str, Any] = {
         "actionType": "wait",
         "actionScopes": ["NODE"],
         "actionParameters": [{"key": "duration", "valueDataType": "NUMBER", "description": "Seconds."}],
-        "blockingTypes": blocking,
         **ends,
     }
+    if not is_old:  # the schema of 2.1.0 allows no list here
+        wait["blockingTypes"] = ["SOFT", "HARD"]
     actions = [wait, *({"actionType": kind, "actionScopes": ["INSTANT"], **ends} for kind in INSTANT)]
     return {
         "typeSpecification": {
