@@ -14,37 +14,20 @@ from robrain.deploy.command_line.options import make_folder
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
-from robrain.deploy.vda5050.factsheet import factsheet
 from robrain.deploy.vda5050.messages import (
+    ID_MAX,
+    NODES_MAX,
     Action,
-    ActionStatus,
     BadMessage,
-    Body,
-    Connection,
-    ConnectionState,
-    ControlPoint,
     InstantActions,
-    MapPlace,
-    Nurbs,
-    OperatingMode,
     Order,
-    PlannedTrajectory,
-    Polyline,
-    Position,
-    PowerSupply,
-    SafetyState,
-    State,
     Vehicle,
-    Velocity,
-    Version,
-    Visualization,
-    Waypoint,
     read,
     timestamp,
 )
 from robrain.deploy.vda5050.mqtt_link import Broker, MqttLink, Packet
 from robrain.deploy.vda5050.robot_orders import KeptOrder, NodeTask, RobotOrders
-from robrain.protocol.clock import Clock, steps, to_ns
+from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, NobodyThere, RobrainError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import (
@@ -57,7 +40,7 @@ from robrain.protocol.messages.robots.robot_messages import (
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.refusals import RefusalCode, Refusals
+from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
 
@@ -175,42 +158,27 @@ class RobotVehicle:
     """A robot as a vehicle on MQTT.
 
     Args:
-        vehicle: its address.
-        robot: its name.
+        vehicle: its address; its serial number is the robot's name.
         broker: where it is shown.
-        place: of the vehicles' map.
-        orders: its orders.
         calls: passes tasks and halts on.
         file: keeps the order.
-        clock: stamps messages.
-        refusals: counts messages that cannot be read.
+        wire: of the team.
 
     """
 
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        robot: str,
-        broker: Broker,
-        place: MapPlace,
-        calls: TeamCalls,
-        file: OrderFile,
-        clock: Clock,
-        refusals: Refusals,
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, broker: Broker, calls: TeamCalls, file: OrderFile, wire: Endpoint) -> None:
         self.state: RobotState | None = None
         self.path: PlannedPath | None = None
-        self.orders = RobotOrders(robot, vehicle.version, place, file.read(robot))
-        self._vehicle, self._robot, self._place, self._calls, self._file = vehicle, robot, place, calls, file
-        self._clock, self._refusals = clock, refusals
+        self.orders = RobotOrders(vehicle, file.read(vehicle.serial))
+        self._vehicle, self._calls, self._file, self._refusals = vehicle, calls, file, wire.refusals
         self._waiting: dict[str, Future[tuple[TaskState, str]]] = {}
         self._halting: list[tuple[Action, Future[str]]] = []
         self._header_ids: dict[str, int] = {}
         self._sent_ns: dict[str, int] = {}
-        self._last: bytes = b""
+        self._last: Any = None
         self._connections = 0
-        broken = Connection(ConnectionState.broken(vehicle.version))
-        will = Packet(vehicle.topic("connection"), vehicle.payload(broken, 0, clock.now_ns()), 1, True)
+        broken = {"connectionState": "CONNECTIONBROKEN" if vehicle.is_old else "CONNECTION_BROKEN"}
+        will = Packet(vehicle.topic("connection"), vehicle.payload(broken, 0, wire.clock.now_ns()), 1, True)
         topics = [vehicle.topic("order"), vehicle.topic("instantActions")]
         self._mqtt = MqttLink(broker, f"robrain-{vehicle.manufacturer}-{vehicle.serial}", topics, will)
 
@@ -218,16 +186,16 @@ class RobotVehicle:
         """Process messages, call the team, and publish."""
         if self._mqtt.connections != self._connections:
             self._connections = self._mqtt.connections
-            self._publish("connection", Connection(ConnectionState.ONLINE), now_ns)
-            self._publish("factsheet", factsheet(self._vehicle.version, self.state), now_ns)
+            self._publish("connection", {"connectionState": "ONLINE"}, now_ns)
+            self._publish("factsheet", factsheet(self._vehicle, self.state), now_ns)
         for packet in self._mqtt.drain():
             self._handle(packet, now_ns)
         self._call_team(now_ns)
         self._publish_state(now_ns)
 
-    def close(self) -> None:
+    def close(self, now_ns: int) -> None:
         """Report the vehicle as offline, and disconnect."""
-        self._publish("connection", Connection(ConnectionState.OFFLINE), self._clock.now_ns())
+        self._publish("connection", {"connectionState": "OFFLINE"}, now_ns)
         self._mqtt.close()
 
     def _handle(self, packet: Packet, now_ns: int) -> None:
@@ -235,14 +203,14 @@ class RobotVehicle:
             if packet.topic == self._vehicle.topic("order"):
                 order = read(packet.topic, packet.payload, Order)
                 if self.orders.handle_order(order, packet.payload, self.state):
-                    self._file.write(self._robot, self.orders.kept)
+                    self._file.write(self._vehicle.serial, self.orders.kept)
             else:
                 for action in read(packet.topic, packet.payload, InstantActions).actions:
                     self._do(action, now_ns)
         except BadMessage as error:
             self._refusals.record("vda5050", packet.topic, RefusalCode.MALFORMED, str(error))
             self.orders.reject_payload(str(error))
-        self._last = b""
+        self._last = None
 
     def _do(self, action: Action, now_ns: int) -> None:
         orders = self.orders
@@ -251,16 +219,16 @@ class RobotVehicle:
         match action.action_type:
             case "cancelOrder":
                 if orders.cancel(action):
-                    self._file.write(self._robot, orders.kept)
+                    self._file.write(self._vehicle.serial, orders.kept)
             case "startPause" | "stopPause" if len(self._halting) < CALLS_MAX:
-                orders.set_instant(action, ActionStatus.RUNNING)
+                orders.set_instant(action, "RUNNING")
                 is_start = action.action_type == "startPause"
-                self._halting.append((action, self._calls.halt(self._robot, halted=is_start)))
+                self._halting.append((action, self._calls.halt(self._vehicle.serial, halted=is_start)))
             case "stateRequest":
-                orders.set_instant(action, ActionStatus.FINISHED)
+                orders.set_instant(action, "FINISHED")
             case "factsheetRequest":
-                self._publish("factsheet", factsheet(self._vehicle.version, self.state), now_ns)
-                orders.set_instant(action, ActionStatus.FINISHED)
+                self._publish("factsheet", factsheet(self._vehicle, self.state), now_ns)
+                orders.set_instant(action, "FINISHED")
             case _:
                 orders.refuse_action(action)
 
@@ -274,7 +242,7 @@ class RobotVehicle:
         halting, self._halting = self._halting, []
         for action, halt in halting:
             if halt.done():
-                orders.set_instant(action, ActionStatus.FAILED if halt.result() else ActionStatus.FINISHED)
+                orders.set_instant(action, "FAILED" if halt.result() else "FINISHED")
             else:
                 self._halting.append((action, halt))
         is_due = self._is_due("check", CHECK_NS, now_ns)
@@ -289,69 +257,56 @@ class RobotVehicle:
             if task.id not in waiting:
                 if task.after in waiting or len(waiting) >= CALLS_MAX:
                     break  # the coordinator must know the task before
-                waiting[task.id] = self._calls.submit(task, self._robot)
+                waiting[task.id] = self._calls.submit(task, self._vehicle.serial)
         opened = orders.open_task()
         if is_due and opened is not None and opened.id not in waiting:
             waiting[opened.id] = self._calls.get(opened.id)
 
     def _publish_state(self, now_ns: int) -> None:
-        robot, orders, is_old = self.state, self.orders, self._vehicle.version is Version.V2_1
+        robot, orders, vehicle = self.state, self.orders, self._vehicle
         if robot is None:
             return
-        pose = robot.pose if robot.pose is not None and not robot.lost else None
-        where = self._position(robot)
-        velocity = Velocity(robot.velocity.forward_m_s, robot.velocity.left_m_s, robot.velocity.yaw_rad_s)
-        instant, actions = list(orders.instant.values()), orders.action_states(pose)
-        reached, nodes = orders.reached, orders.node_states()
-        state = State(
-            order_id=orders.kept.order_id,
-            order_update_id=orders.kept.order_update_id,
-            last_node_id="" if reached is None else reached.node_id,
-            last_node_sequence_id=0 if reached is None else reached.sequence_id,
-            node_states=nodes,
-            edge_states=orders.edge_states(),
-            driving=any((velocity.vx, velocity.vy, velocity.omega)),
-            operating_mode=OperatingMode.AUTOMATIC,
-            action_states=actions + instant if is_old else actions,
-            errors=orders.errors(),
-            safety_state=SafetyState(False, e_stop="NONE")
-            if is_old
-            else SafetyState(False, active_emergency_stop="NONE"),
-            paused=robot.halted,
-            instant_action_states=msgspec.UNSET if is_old else instant,
-        )
+        is_old, speed, battery = vehicle.is_old, robot.velocity, robot.battery
+        percent = 100.0 if battery is None else min(max(100.0 * battery.soc, 0.0), 100.0)
+        power = {"charging": battery is not None and battery.charging}
+        actions, instant = orders.action_states(robot.pose), list(orders.instant.values())
+        reached = orders.reached
+        news: dict[str, Any] = {
+            "orderId": orders.kept.order_id,
+            "orderUpdateId": orders.kept.order_update_id,
+            "lastNodeId": "" if reached is None else reached.node_id,
+            "lastNodeSequenceId": 0 if reached is None else reached.sequence_id,
+            "nodeStates": [_state_of(node, "node") for node in orders.remaining],
+            "edgeStates": [_state_of(edge, "edge") for edge in orders.remaining_edges],
+            "driving": any(msgspec.structs.astuple(speed)),
+            "paused": robot.halted,
+            "operatingMode": "AUTOMATIC",
+            "errors": orders.errors(),
+        }
         if is_old:
-            state.battery_state, state.safety_state.e_stop = _power(robot, is_old), "NONE"
+            news |= {"actionStates": actions + instant, "batteryState": {**power, "batteryCharge": percent}}
+            news["safetyState"] = {"eStop": "NONE", "fieldViolation": False}
         else:
-            state.power_supply, state.safety_state.active_emergency_stop = _power(robot, is_old), "NONE"
-        news = msgspec.json.encode(state)
-        is_new = news != self._last and self._is_due("news", STATE_LEAST_NS, now_ns)
-        moving: dict[str, Any] = {"agv_position" if is_old else "mobile_robot_position": where, "velocity": velocity}
+            news |= {"actionStates": actions, "instantActionStates": instant}
+            news["powerSupply"] = {**power, "stateOfCharge": percent}
+            news["safetyState"] = {"activeEmergencyStop": "NONE", "fieldViolation": False}
+        moving: dict[str, Any] = {"velocity": {"vx": speed.forward_m_s, "vy": speed.left_m_s, "omega": speed.yaw_rad_s}}
+        if robot.pose is not None:
+            at = vehicle.from_arena(robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad)
+            where = {"x": at.x_m, "y": at.y_m, "theta": at.yaw_rad, "mapId": vehicle.map_id}
+            known = {"positionInitialized" if is_old else "localized": not robot.lost}
+            moving["agvPosition" if is_old else "mobileRobotPosition"] = {**where, **known}
         if not is_old:
-            moving |= _paths(self._place, self.path, robot, now_ns)
+            moving |= _paths(vehicle, self.path, now_ns)
+        is_new = news != self._last and self._is_due("news", STATE_LEAST_NS, now_ns)
         if is_new or self._is_due("state", STATE_NS, now_ns):
             self._last, self._sent_ns["state"] = news, now_ns
-            for name, value in moving.items():
-                setattr(state, name, value)
-            self._publish("state", state, now_ns)
+            self._publish("state", news | moving, now_ns)
         if self._is_due("visualization", VISUALIZATION_NS, now_ns):
-            shown = Visualization(**moving)
-            if not is_old:
-                shown.reference_state_header_id = self._header_ids.get("state", 0)
-            self._publish("visualization", shown, now_ns)
+            refers = {} if is_old else {"referenceStateHeaderId": self._header_ids.get("state", 0)}
+            self._publish("visualization", moving | refers, now_ns)
 
-    def _position(self, robot: RobotState) -> Position | msgspec.UnsetType:
-        if robot.pose is None:
-            return msgspec.UNSET
-        at, known = self._place.from_arena(robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad), not robot.lost
-        found = Position(at.x_m, at.y_m, at.yaw_rad, self._place.map_id)
-        if self._vehicle.version is Version.V2_1:
-            found.position_initialized = known
-        else:
-            found.localized = known
-        return found
-
-    def _publish(self, name: str, body: Body | dict[str, Any], now_ns: int) -> None:
+    def _publish(self, name: str, body: dict[str, Any], now_ns: int) -> None:
         self._header_ids[name] = self._header_ids.get(name, -1) + 1
         payload = self._vehicle.payload(body, self._header_ids[name], now_ns)
         is_connection = name == "connection"
@@ -364,49 +319,87 @@ class RobotVehicle:
         return True
 
 
-def _power(robot: RobotState, is_old: bool) -> PowerSupply:
-    battery = robot.battery
-    percent = 100.0 if battery is None else min(max(100.0 * battery.soc, 0.0), 100.0)
-    found = PowerSupply(charging=battery is not None and battery.charging)
-    if is_old:
-        found.battery_charge = percent
-    else:
-        found.state_of_charge = percent
-    return found
+def _state_of(part: Any, kind: str) -> dict[str, Any]:
+    fields = msgspec.to_builtins(part)
+    return {key: fields[key] for key in (f"{kind}Id", "sequenceId", "released")}
 
 
-def _paths(place: MapPlace, path: PlannedPath | None, robot: RobotState, now_ns: int) -> dict[str, Any]:
-    """The robot's planned path as both paths of version 3; empty while it stands."""
-    if path is None or len(path.points) < 2 or robot.pose is None:
+def _paths(vehicle: Vehicle, path: PlannedPath | None, now_ns: int) -> dict[str, Any]:
+    """The robot's planned path as both paths of version 3; nothing while it stands."""
+    if path is None or len(path.points) < 2:
         return {}
-    points = [place.from_arena(point.x_m, point.y_m) for point in path.points[:WAYPOINTS_MAX]]
-    speed_m_s, along_m, waypoints = path.speed_m_s or 0.5, 0.0, []
+    points = [vehicle.from_arena(point.x_m, point.y_m) for point in path.points[:WAYPOINTS_MAX]]
+    along_m, last, waypoints = 0.0, len(points) - 1, []
     for before, at in zip([points[0], *points], points, strict=False):
         along_m += before.distance_m(at)
-        waypoints.append(Waypoint(at.x_m, at.y_m, timestamp(now_ns + to_ns(along_m / speed_m_s))))
-    last = len(points) - 1
+        eta_ns = now_ns + to_ns(along_m / (path.speed_m_s or SPEED_M_S))
+        waypoints.append({"x": at.x_m, "y": at.y_m, "eta": timestamp(eta_ns)})
     knots = [0.0, *(number / last for number in range(last + 1)), 1.0]
-    curve = Nurbs(1, knots, [ControlPoint(at.x_m, at.y_m) for at in points])
-    return {"planned_path": PlannedTrajectory(curve), "intermediate_path": Polyline(waypoints)}
+    curve = {"degree": 1, "knotVector": knots, "controlPoints": [{"x": at.x_m, "y": at.y_m} for at in points]}
+    return {"plannedPath": {"trajectory": curve}, "intermediatePath": {"polyline": waypoints}}
 
 
-def _close_all(vehicles: dict[str, RobotVehicle]) -> None:
+INSTANT = ("cancelOrder", "startPause", "stopPause", "stateRequest", "factsheetRequest")
+SPEED_M_S, HEIGHT_M = 1.0, 1.0
+"""Nominal values: a robot does not report them."""
+NAMES_3 = {
+    "agvKinematic": "mobileRobotKinematics", "agvClass": "mobileRobotClass", "maxLoadMass": "maximumLoadMass",
+    "speedMin": "minimumSpeed", "speedMax": "maximumSpeed", "accelerationMax": "maximumAcceleration",
+    "decelerationMax": "maximumDeceleration", "heightMin": "minimumHeight", "heightMax": "maximumHeight",
+    "maxStringLens": "maximumStringLengths", "idLen": "maximumIdLength", "maxArrayLens": "maximumArrayLengths",
+    "minOrderInterval": "minimumOrderInterval", "minStateInterval": "minimumStateInterval",
+    "agvActions": "mobileRobotActions", "agvGeometry": "mobileRobotGeometry",
+}  # fmt: skip
+"""Names of fields of a factsheet in version 3, by those in version 2."""
+
+
+def factsheet(vehicle: Vehicle, robot: RobotState | None) -> dict[str, Any]:
+    """The factsheet of a robot as JSON, without its header."""
+    diameter_m = 2.0 * (robot.radius_m if robot is not None else 0.0)
+    duration = {"key": "duration", "valueDataType": "NUMBER", "description": "Seconds."}
+    actions: list[dict[str, Any]] = [{"actionType": kind, "actionScopes": ["INSTANT"]} for kind in INSTANT]
+    actions.append({"actionType": "wait", "actionScopes": ["NODE"], "actionParameters": [duration]})
+    if not vehicle.is_old:
+        actions[-1]["blockingTypes"] = ["SOFT", "HARD"]  # the schema of 2.1.0 allows no list here
+        actions = [{**action, "pauseAllowed": False, "cancelAllowed": True} for action in actions]
+    speeds = dict.fromkeys(("speedMax", "accelerationMax", "decelerationMax"), SPEED_M_S)
+    size = {"heightMin": 0.0, "heightMax": HEIGHT_M, "width": diameter_m, "length": diameter_m}
+    kind = {"agvKinematic": "DIFF", "agvClass": "CARRIER", "navigationTypes": ["AUTONOMOUS"]}
+    if not vehicle.is_old:
+        kind |= {"agvKinematic": "DIFFERENTIAL", "navigationTypes": ["FREELY_NAVIGATING"]}
+    limits = {"order.nodes": NODES_MAX, "order.edges": NODES_MAX}
+    timing = {"minOrderInterval": 0.0, "minStateInterval": 0.05, "defaultStateInterval": 1.0}
+    required = {"parameter": "order.nodes.nodePosition", "support": "REQUIRED"}
+    found = {
+        "typeSpecification": {"seriesName": "robrain", "maxLoadMass": 0.0, "localizationTypes": ["NATURAL"], **kind},
+        "physicalParameters": {"speedMin": 0.0, **speeds, **size},
+        "protocolLimits": {"maxStringLens": {"idLen": ID_MAX}, "maxArrayLens": limits, "timing": timing},
+        "protocolFeatures": {"optionalParameters": [required], "agvActions": actions},
+        "agvGeometry": {},
+        "loadSpecification": {},
+    }
+    return found if vehicle.is_old else _renamed(found)
+
+
+def _renamed(content: Any) -> Any:
+    if not isinstance(content, dict):
+        return content
+    return {NAMES_3.get(key, key): _renamed(value) for key, value in content.items()}
+
+
+def _close_all(vehicles: dict[str, RobotVehicle], now_ns: int) -> None:
     while vehicles:
-        vehicles.popitem()[1].close()
+        vehicles.popitem()[1].close(now_ns)
 
 
-def fleet_command(
-    connect: str | None, team: str, broker: Broker, version: Version, manufacturer: str, place: MapPlace, folder: Path
-) -> None:
+def fleet_command(connect: str | None, team: str, broker: Broker, shown: Vehicle, folder: Path) -> None:
     """Show a team's robots as vehicles until Ctrl-C; wait until the endpoints answer.
 
     Args:
         connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
         team: its name.
         broker: of MQTT.
-        version: of VDA 5050.
-        manufacturer: of all vehicles; their serial numbers are the robots' names.
-        place: of the vehicles' map.
+        shown: address of a robot, but for its name, which is the serial number.
         folder: for the current orders.
 
     Raises:
@@ -428,23 +421,22 @@ def fleet_command(
         wire.subscribe(events, TASK_EVENT)
         tokens = wire.watch(ROBOT_ALIVE)
         vehicles: dict[str, RobotVehicle] = {}
-        stack.callback(lambda: _close_all(vehicles))
+        stack.callback(lambda: _close_all(vehicles, wire.clock.now_ns()))
         should_stop.ready()
-        print_result(f"{who}: team {team} at {broker.host}:{broker.port}, as {version.interface}/{manufacturer}/ROBOT")
+        print_result(f"{who}: team {team} at {broker.host}:{broker.port}, as {shown.topic('')}")
         for _ in steps(should_stop, PERIOD_S):
             tokens.changes()
             there = {names["robot"] for names in tokens.present.values()}
             for received in inbox.drain():
                 name = received.message.robot
                 if name not in vehicles and name in there and len(vehicles) < ROBOTS_MAX:
-                    address = Vehicle(version, manufacturer, name)
-                    vehicles[name] = RobotVehicle(address, name, broker, place, calls, file, wire.clock, wire.refusals)
+                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, calls, file, wire)
                 if name in vehicles and received.topic is ROBOT_STATE:
                     vehicles[name].state = received.message
                 elif name in vehicles:
                     vehicles[name].path = received.message
             for name in vehicles.keys() - there:
-                vehicles.pop(name).close()
+                vehicles.pop(name).close(wire.clock.now_ns())
             for received in events.drain():
                 event = received.message
                 for vehicle in vehicles.values():

@@ -5,8 +5,9 @@ The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or
 """
 
 import datetime
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -46,26 +47,41 @@ class Version(StrEnum):
 
 
 class Vehicle(NamedTuple):
-    """Address of a vehicle on MQTT."""
+    """Address of a vehicle on MQTT, and its map."""
 
     version: Version
     manufacturer: str
     serial: str
+    map_id: str
+    T_arena_map: Pose2D
+
+    @property
+    def is_old(self) -> bool:
+        """Whether it speaks version 2, in which many names are shorter."""
+        return self.version is Version.V2_1
+
+    def to_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the map in the arena frame."""
+        return self.T_arena_map.compose(Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
+
+    def from_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the arena frame in the map's."""
+        return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))
 
     def topic(self, name: str) -> str:
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
         return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
 
-    def payload(self, body: "Body | dict[str, Any]", header_id: int, now_ns: int) -> bytes:
+    def payload(self, body: Mapping[str, Any], header_id: int, now_ns: int) -> bytes:
         """A message with the protocol header."""
-        header = Header(
-            header_id=header_id % 2**32,
-            timestamp=timestamp(now_ns),
-            version=self.version,
-            manufacturer=self.manufacturer,
-            serial_number=self.serial,
-        )
-        return msgspec.json.encode({**msgspec.to_builtins(header), **msgspec.to_builtins(body)})
+        header = {
+            "headerId": header_id % 2**32,
+            "timestamp": timestamp(now_ns),
+            "version": self.version,
+            "manufacturer": self.manufacturer,
+            "serialNumber": self.serial,
+        }
+        return msgspec.json.encode({**header, **body})
 
 
 def timestamp(now_ns: int) -> str:
@@ -102,30 +118,11 @@ def read(topic: str, payload: bytes, kind: type[B]) -> B:
 # -- orders and actions -----------------------------------------------------------------------------------------------
 
 
-class BlockingType(StrEnum):
-    """Whether an action allows driving and other actions."""
-
-    NONE = "NONE"
-    SOFT = "SOFT"
-    SINGLE = "SINGLE"
-    HARD = "HARD"
-
-
-class ActionStatus(StrEnum):
-    """State of an action."""
-
-    WAITING = "WAITING"
-    INITIALIZING = "INITIALIZING"
-    RUNNING = "RUNNING"
-    PAUSED = "PAUSED"
-    RETRIABLE = "RETRIABLE"
-    FINISHED = "FINISHED"
-    FAILED = "FAILED"
-
-    @property
-    def ended(self) -> bool:
-        """Nothing follows."""
-        return self in (ActionStatus.FINISHED, ActionStatus.FAILED)
+BlockingType = Literal["NONE", "SOFT", "SINGLE", "HARD"]
+"""Whether an action allows driving and other actions."""
+ActionStatus = Literal["WAITING", "INITIALIZING", "RUNNING", "PAUSED", "RETRIABLE", "FINISHED", "FAILED"]
+ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
+"""The states of an action that nothing follows."""
 
 
 class ActionParameter(Body):
@@ -214,26 +211,12 @@ class InstantActions(Body):
 # -- state ------------------------------------------------------------------------------------------------------------
 
 
-class OperatingMode(StrEnum):
-    """Who controls a vehicle."""
-
-    STARTUP = "STARTUP"
-    AUTOMATIC = "AUTOMATIC"
-    SEMIAUTOMATIC = "SEMIAUTOMATIC"
-    INTERVENED = "INTERVENED"
-    MANUAL = "MANUAL"
-    SERVICE = "SERVICE"
-    TEACHIN = "TEACHIN"
-    TEACH_IN = "TEACH_IN"
-
-
-class ErrorLevel(StrEnum):
-    """How serious an error is."""
-
-    WARNING = "WARNING"
-    URGENT = "URGENT"
-    CRITICAL = "CRITICAL"
-    FATAL = "FATAL"
+OperatingMode = Literal[
+    "STARTUP", "AUTOMATIC", "SEMIAUTOMATIC", "INTERVENED", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"
+]
+"""Who controls a vehicle."""
+ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
+ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
 
 
 class Reference(Body):
@@ -267,8 +250,6 @@ class ActionState(Body):
     action_id: Id
     action_status: ActionStatus
     action_type: Id | UnsetType = UNSET
-    result_description: Prose | UnsetType = UNSET
-    action_result: Prose | UnsetType = UNSET
 
 
 class NodeState(Body):
@@ -276,16 +257,7 @@ class NodeState(Body):
 
     node_id: Id
     sequence_id: Number
-    released: bool
     node_position: NodePosition | UnsetType = UNSET
-
-
-class EdgeState(Body):
-    """An edge that the vehicle has yet to leave."""
-
-    edge_id: Id
-    sequence_id: Number
-    released: bool
 
 
 class Position(Body):
@@ -317,20 +289,11 @@ class PowerSupply(Body):
     battery_current: Amount | UnsetType = UNSET
 
 
-class SafetyState(Body):
-    """Emergency stop and protective field: `activeEmergencyStop` is `eStop` in version 2."""
-
-    field_violation: bool
-    e_stop: Id | UnsetType = UNSET
-    active_emergency_stop: Id | UnsetType = UNSET
-
-
 class Waypoint(Body):
     """A point of the path that a vehicle follows next."""
 
     x: Metres
     y: Metres
-    eta: Annotated[str, Meta(max_length=64)]
 
 
 class Polyline(Body):
@@ -339,32 +302,10 @@ class Polyline(Body):
     polyline: Annotated[list[Waypoint], Meta(max_length=10_000)]
 
 
-class ControlPoint(Body):
-    """A control point of a NURBS."""
-
-    x: Metres
-    y: Metres
-
-
-class Nurbs(Body):
-    """A curve; of degree 1 it is a polyline."""
-
-    degree: Annotated[int, Meta(ge=1, le=100)]
-    knot_vector: Annotated[list[float], Meta(max_length=10_100)]
-    control_points: Annotated[list[ControlPoint], Meta(max_length=10_000)]
-
-
-class PlannedTrajectory(Body):
-    """The path that a vehicle has planned."""
-
-    trajectory: Nurbs
-
-
 class ZoneSetState(Body):
     """A zone set on a vehicle."""
 
     zone_set_id: Id
-    map_id: Id
     zone_set_status: Id
 
 
@@ -376,12 +317,11 @@ class State(Body):
     last_node_id: Id
     last_node_sequence_id: Number
     node_states: Annotated[list[NodeState], Meta(max_length=NODES_MAX)]
-    edge_states: Annotated[list[EdgeState], Meta(max_length=NODES_MAX)]
+    edge_states: Annotated[list[dict[str, Any]], Meta(max_length=NODES_MAX)]
     driving: bool
     operating_mode: OperatingMode
     action_states: Annotated[list[ActionState], Meta(max_length=10_000)]
     errors: Annotated[list[VehicleError], Meta(max_length=256)]
-    safety_state: SafetyState
     paused: bool | UnsetType = UNSET
     instant_action_states: Annotated[list[ActionState], Meta(max_length=10_000)] | UnsetType = UNSET
     velocity: Velocity | UnsetType = UNSET
@@ -389,7 +329,6 @@ class State(Body):
     mobile_robot_position: Position | UnsetType = UNSET
     battery_state: PowerSupply | UnsetType = UNSET
     power_supply: PowerSupply | UnsetType = UNSET
-    planned_path: PlannedTrajectory | UnsetType = UNSET
     intermediate_path: Polyline | UnsetType = UNSET
     zone_sets: Annotated[list[ZoneSetState], Meta(max_length=64)] | UnsetType = UNSET
 
@@ -402,78 +341,12 @@ class State(Body):
     @property
     def is_idle(self) -> bool:
         """Whether it does no order, also none whose actions still run."""
-        return not (self.node_states or self.edge_states) and all(one.action_status.ended for one in self.action_states)
-
-
-class Visualization(Body):
-    """Position of a vehicle, more often than its state."""
-
-    reference_state_header_id: Number | UnsetType = UNSET
-    agv_position: Position | UnsetType = UNSET
-    mobile_robot_position: Position | UnsetType = UNSET
-    velocity: Velocity | UnsetType = UNSET
-    planned_path: PlannedTrajectory | UnsetType = UNSET
-    intermediate_path: Polyline | UnsetType = UNSET
-
-
-class ConnectionState(StrEnum):
-    """Whether a vehicle is connected to the broker."""
-
-    ONLINE = "ONLINE"
-    OFFLINE = "OFFLINE"
-    HIBERNATING = "HIBERNATING"
-    BROKEN_2 = "CONNECTIONBROKEN"
-    BROKEN_3 = "CONNECTION_BROKEN"
-
-    @classmethod
-    def broken(cls, version: Version) -> "ConnectionState":
-        """The value of a last will."""
-        return cls.BROKEN_2 if version is Version.V2_1 else cls.BROKEN_3
+        return not (self.node_states or self.edge_states) and all(
+            one.action_status in ENDED for one in self.action_states
+        )
 
 
 class Connection(Body):
     """A vehicle's connection to the broker."""
 
     connection_state: ConnectionState
-
-
-class ZoneOnMap(Body):
-    """A zone of a zone set."""
-
-    zone_id: Id
-    zone_type: Id
-    vertices: list[ControlPoint]
-    maximum_speed: float | UnsetType = UNSET
-    penalty_factor: float | UnsetType = UNSET
-
-
-class ZoneSetContent(Body):
-    """The zones of a map."""
-
-    map_id: Id
-    zone_set_id: Id
-    zones: list[ZoneOnMap]
-
-
-class ZoneSet(Body):
-    """Zones for a vehicle, of version 3."""
-
-    zone_set: ZoneSetContent
-
-
-# -- frames -----------------------------------------------------------------------------------------------------------
-
-
-class MapPlace(NamedTuple):
-    """The vehicles' map in the arena frame."""
-
-    map_id: str
-    T_arena_map: Pose2D
-
-    def to_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
-        """A pose of the map in the arena frame."""
-        return self.T_arena_map.compose(Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
-
-    def from_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
-        """A pose of the arena frame in the map's."""
-        return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))

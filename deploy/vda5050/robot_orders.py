@@ -11,23 +11,20 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.messages import (
     NODES_MAX,
     Action,
     ActionState,
     ActionStatus,
-    BlockingType,
     Body,
     Edge,
-    EdgeState,
     ErrorLevel,
-    MapPlace,
     Node,
-    NodeState,
     Order,
     Reference,
+    Vehicle,
     VehicleError,
-    Version,
 )
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
@@ -99,18 +96,16 @@ class RobotOrders:
     """Handles orders and their cancellation by the rules of the standard.
 
     Args:
-        robot: its name.
-        version: that the master speaks.
-        place: of the vehicles' map.
+        vehicle: the robot's address; its serial number is the robot's name.
         kept: the order from before a restart.
 
     """
 
-    def __init__(self, robot: str, version: Version, place: MapPlace, kept: KeptOrder) -> None:
+    def __init__(self, vehicle: Vehicle, kept: KeptOrder) -> None:
         self.kept = kept
         self.instant: dict[str, ActionState] = {}
         """Instant actions, the latest last."""
-        self._robot, self._version, self._place = robot, version, place
+        self._vehicle = vehicle
         self._states: dict[str, TaskState] = {}
         self._why: dict[str, str] = {}
         self._rejections: list[VehicleError] = []
@@ -137,7 +132,7 @@ class RobotOrders:
             self._check_form(order, payload)
             base = self._continued(order) if is_update else self._begun(order, state)
         except _Refused as error:
-            if error.kind != "SAME_ORDER_UPDATE_ID" or self._version is Version.V3_0:
+            if error.kind != "SAME_ORDER_UPDATE_ID" or not self._vehicle.is_old:
                 references = {"orderId": order.order_id, "orderUpdateId": str(order.order_update_id)}
                 self._reject(error.kind, str(error), references)
             return False
@@ -147,7 +142,7 @@ class RobotOrders:
         if not is_update:
             self._states.clear()
             self._why.clear()
-            self.instant = {key: one for key, one in self.instant.items() if not one.action_status.ended}
+            self.instant = {key: one for key, one in self.instant.items() if one.action_status not in vda.ENDED}
         self._update_tasks()
         return True
 
@@ -160,17 +155,17 @@ class RobotOrders:
         wanted = action.parameter("orderId")
         if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
             self._reject("NO_ORDER_TO_CANCEL", "there is no such order", {"actionId": action.action_id})
-            self.set_instant(action, ActionStatus.FAILED)
+            self.set_instant(action, "FAILED")
             return False
         self.kept.cancelled_by = [action.action_id]
-        self.set_instant(action, ActionStatus.RUNNING)
+        self.set_instant(action, "RUNNING")
         return True
 
     def refuse_action(self, action: Action) -> None:
         """Report an instant action that robots cannot do."""
         text = f"no robot can {action.action_type}"
         self._reject("INVALID_INSTANT_ACTION", text, {"actionId": action.action_id})
-        self.set_instant(action, ActionStatus.FAILED)
+        self.set_instant(action, "FAILED")
 
     def set_instant(self, action: Action, status: ActionStatus) -> None:
         """Report the state of an instant action."""
@@ -182,12 +177,12 @@ class RobotOrders:
         self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
 
     def _error(self, kind: str, text: str, references: dict[str, str]) -> VehicleError:
-        is_old = self._version is Version.V2_1
-        level = ErrorLevel.WARNING
+        is_old = self._vehicle.is_old
+        level: ErrorLevel = "WARNING"
         if kind in CRITICAL:
-            level = ErrorLevel.CRITICAL
+            level = "CRITICAL"
             if is_old:
-                level = ErrorLevel.FATAL if kind == "NODE_UNREACHABLE" else ErrorLevel.WARNING
+                level = "FATAL" if kind == "NODE_UNREACHABLE" else "WARNING"
         name = ERROR_TYPES_2.get(kind, "orderError") if is_old else ERROR_TYPES_3.get(kind, kind)
         found = [Reference(key, value) for key, value in references.items()]
         return VehicleError(name, level, text[:4096], found)
@@ -210,8 +205,8 @@ class RobotOrders:
                 raise _Refused("VALIDATION_FAILURE", f"node {node.node_id}: expected nodePosition")
             if node.node_position.theta is not msgspec.UNSET:
                 raise _Refused("UNSUPPORTED_PARAMETER", "order.nodes.nodePosition.theta: robots choose their heading")
-            if self._place.map_id != node.node_position.map_id:
-                raise _Refused("UNKNOWN_MAP_ID", f"expected mapId {self._place.map_id}")
+            if self._vehicle.map_id != node.node_position.map_id:
+                raise _Refused("UNKNOWN_MAP_ID", f"expected mapId {self._vehicle.map_id}")
         for fields in msgspec.json.decode(payload, type=EdgesAsSent).edges:
             for name in UNUSED_OF_EDGES:
                 if name in fields:
@@ -248,7 +243,7 @@ class RobotOrders:
             raise _Refused("MOBILE_ROBOT_NOT_AVAILABLE", "the robot does not know its position")
         at = order.nodes[0].node_position
         assert at
-        away_m = self._place.to_arena(at.x, at.y).distance_m(state.pose)
+        away_m = self._vehicle.to_arena(at.x, at.y).distance_m(state.pose)
         if away_m > max(at.deviation_m, NEAR_M):
             raise _Refused("START_NODE_OUT_OF_RANGE", f"the robot is {away_m:.2f} m away from the first node")
         return [], []
@@ -279,8 +274,8 @@ class RobotOrders:
     def finish_cancel(self) -> None:
         """Report a cancellation as finished once all tasks have ended."""
         for action_id in self.kept.cancelled_by:
-            if self.is_idle and self.instant.get(action_id, ACTION_BEFORE).action_status is not ActionStatus.FINISHED:
-                self.instant[action_id] = ActionState(action_id, ActionStatus.FINISHED, "cancelOrder")
+            if self.is_idle and self.instant.get(action_id, ACTION_BEFORE).action_status != "FINISHED":
+                self.instant[action_id] = ActionState(action_id, "FINISHED", "cancelOrder")
 
     def _has_ended(self, task_id: str) -> bool:
         state = self._states.get(task_id)
@@ -288,14 +283,14 @@ class RobotOrders:
 
     def _update_tasks(self) -> None:
         self._tasks: dict[str, NodeTask] = {}
-        digest = hashlib.sha256(f"{self._robot}/{self.kept.order_id}".encode()).hexdigest()[:10]
+        digest = hashlib.sha256(f"{self._vehicle.serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
         name = f"{_NOT_A_NAME.sub('_', self.kept.order_id)[:32]}-{digest}"
         before = ""
         for node in self.kept.nodes:
             service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
             if not node.released or not node.node_position or (node.sequence_id == 0 and not service_s):
                 continue
-            pose = self._place.to_arena(node.node_position.x, node.node_position.y)
+            pose = self._vehicle.to_arena(node.node_position.x, node.node_position.y)
             task = NodeTask(f"{name}-{node.sequence_id}", node, Point2D(pose.x_m, pose.y_m), service_s, before)
             self._tasks[task.id] = task
             before = task.id
@@ -326,15 +321,12 @@ class RobotOrders:
         is_waiting = bool(self.kept.nodes) and self.open_task() is not None
         return not self.remaining and not is_waiting
 
-    def node_states(self) -> list[NodeState]:
-        """The nodes that are still to be reached."""
-        return [NodeState(one.node_id, one.sequence_id, one.released, one.node_position) for one in self.remaining]
-
-    def edge_states(self) -> list[EdgeState]:
+    @property
+    def remaining_edges(self) -> list[Edge]:
         """The edges that are still to be left."""
         remaining = self.remaining
         first = remaining[0].sequence_id - 1 if remaining else 2**32
-        return [EdgeState(e.edge_id, e.sequence_id, e.released) for e in self.kept.edges if e.sequence_id >= first]
+        return [edge for edge in self.kept.edges if edge.sequence_id >= first]
 
     def action_states(self, pose: Pose2D | None) -> list[ActionState]:
         """States of the order's actions.
@@ -348,13 +340,13 @@ class RobotOrders:
         for node in self.kept.nodes:
             task = tasks.get(node.sequence_id)
             state = None if task is None else self._states.get(task.id)
-            status = ActionStatus.WAITING
+            status: ActionStatus = "WAITING"
             if state is TaskState.DONE:
-                status = ActionStatus.FINISHED
+                status = "FINISHED"
             elif (state is not None and state.ended) or (self.kept.cancelled_by and not self.remaining):
-                status = ActionStatus.FAILED
+                status = "FAILED"
             elif state is TaskState.RUNNING and task and pose and pose.distance_m(task.place) < NEAR_M:
-                status = ActionStatus.RUNNING
+                status = "RUNNING"
             found += [ActionState(action.action_id, status, action.action_type) for action in node.actions]
         return found
 
@@ -369,13 +361,13 @@ class RobotOrders:
         return found
 
 
-ACTION_BEFORE = ActionState("", ActionStatus.WAITING)
+ACTION_BEFORE = ActionState("", "WAITING")
 
 
 def _wait_s(action: Action) -> float | None:
     """Duration of a wait; None for an action that robots cannot do."""
     duration = action.parameter("duration")
-    if action.action_type != WAIT or action.blocking_type not in (BlockingType.SOFT, BlockingType.HARD):
+    if action.action_type != WAIT or action.blocking_type not in ("SOFT", "HARD"):
         return None
     try:
         duration_s = float(duration)

@@ -9,7 +9,7 @@ import typer
 from robrain.deploy.command_line.command_group import CONNECT
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, point
 from robrain.deploy.errors import UsageError
-from robrain.deploy.vda5050.messages import MapPlace, Vehicle, Version
+from robrain.deploy.vda5050.messages import Vehicle, Version
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.model.geometry import Pose2D
 
@@ -49,14 +49,13 @@ def vehicle(
     ] = 30.0,
 ) -> None:
     """Make a vehicle of another vendor a robot of the team: it does tasks to visit and to patrol."""
-    found = read_address(address, version)
+    found = read_address(address, version, map_id, map_offset, map_yaw)
     check_name("robot", name)
-    place = map_place(map_id, map_offset, map_yaw)
     from robrain.deploy.vda5050.mqtt_link import Broker
     from robrain.deploy.vda5050.vehicle_process import vehicle_command
     from robrain.deploy.vda5050.vehicle_robot import VehicleRobot
 
-    robot = VehicleRobot(name, version, place, radius, continues_for)
+    robot = VehicleRobot(name, found, radius, continues_for)
     team = check_name("team", team)
     vehicle_command(found, name, Broker.read(broker), robot, connect, team)
 
@@ -77,23 +76,17 @@ def fleet(
 ) -> None:
     """Show the robots as vehicles to a VDA 5050 master, and do its orders."""
     check_name("team", team)
-    read_address(f"{manufacturer}/robot", version)
-    place = map_place(map_id, map_offset, map_yaw)
+    shown = read_address(f"{manufacturer}/robot", version, map_id, map_offset, map_yaw)
     from robrain.deploy.vda5050.fleet_process import fleet_command
     from robrain.deploy.vda5050.mqtt_link import Broker
 
     folder = Path(f"{team}.vda5050") if orders is None else orders
-    fleet_command(connect, team, Broker.read(broker), version, manufacturer, place, folder)
+    fleet_command(connect, team, Broker.read(broker), shown, folder)
 
 
-def read_address(text: str, version: Version) -> Vehicle:
-    """Read `MANUFACTURER/SERIAL` (UsageError)."""
+def read_address(text: str, version: Version, map_id: str, map_offset: str, map_yaw_rad: float) -> Vehicle:
+    """Read `MANUFACTURER/SERIAL` and the place of the map (UsageError)."""
     manufacturer, _, serial = text.partition("/")
     if not MANUFACTURER.fullmatch(manufacturer) or not SERIAL.fullmatch(serial):
         raise UsageError(f"{text}: expected MANUFACTURER/SERIAL, such as acme/0001")
-    return Vehicle(version, manufacturer, serial)
-
-
-def map_place(map_id: str, offset: str, yaw_rad: float) -> MapPlace:
-    """The vehicles' map, from the options (UsageError)."""
-    return MapPlace(map_id, Pose2D(*point("--map-offset", offset), yaw_rad))
+    return Vehicle(version, manufacturer, serial, map_id, Pose2D(*point("--map-offset", map_offset), map_yaw_rad))

@@ -8,18 +8,7 @@ import msgspec
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
-from robrain.deploy.vda5050.messages import (
-    BadMessage,
-    Body,
-    Connection,
-    ConnectionState,
-    InstantActions,
-    Order,
-    State,
-    Vehicle,
-    ZoneSet,
-    read,
-)
+from robrain.deploy.vda5050.messages import BadMessage, Connection, State, Vehicle, read
 from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink, Packet
 from robrain.deploy.vda5050.vehicle_robot import KINDS, VEHICLE, VehicleRobot, instant_action
 from robrain.protocol.clock import Clock, steps, to_ns
@@ -44,7 +33,6 @@ STATE_NS = to_ns(0.1)
 HALT_NS = to_ns(2.0)
 """Time for a vehicle to confirm a halt."""
 ASK_TIMEOUT_S = 2.0
-TOPICS: dict[type[Body], str] = {Order: "order", InstantActions: "instantActions", ZoneSet: "zoneSet"}
 
 
 class VehicleLink:
@@ -73,9 +61,8 @@ class VehicleLink:
         """Whether the vehicle is connected to the broker."""
         self._vehicle, self._robot, self._clock, self._refusals = vehicle, robot, clock, refusals
         self._header_ids: dict[str, int] = {}
-        cancel = InstantActions(actions=[instant_action("cancelOrder", f"will-{clock.now_ns()}")])
-        topic = vehicle.topic("instantActions")
-        will = Packet(topic, vehicle.payload(cancel, 0, clock.now_ns()))
+        cancel = instant_action("cancelOrder", f"will-{clock.now_ns()}")
+        will = Packet(vehicle.topic("instantActions"), vehicle.payload(cancel, 0, clock.now_ns()))
         delay_s = max(0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S))
         topics = [vehicle.topic(name) for name in ("connection", "state")]
         self._mqtt = MqttLink(broker, client_id, topics, will, delay_s)
@@ -92,15 +79,14 @@ class VehicleLink:
             try:
                 if packet.topic == self._vehicle.topic("connection"):
                     connection = read(packet.topic, packet.payload, Connection)
-                    self.is_online = connection.connection_state is ConnectionState.ONLINE
+                    self.is_online = connection.connection_state == "ONLINE"
                 else:
                     self._robot.handle_state(read(packet.topic, packet.payload, State), now_ns)
             except BadMessage as error:
                 self._refusals.record("vda5050", packet.topic, RefusalCode.MALFORMED, str(error))
         if not (self.is_online and self._mqtt.is_connected):
             return
-        for body in self._robot.step(now_ns):
-            name = TOPICS[type(body)]
+        for name, body in self._robot.step(now_ns):
             self._header_ids[name] = self._header_ids.get(name, -1) + 1
             self._mqtt.publish(self._vehicle.topic(name), self._vehicle.payload(body, self._header_ids[name], now_ns))
 

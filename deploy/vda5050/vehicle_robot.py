@@ -7,37 +7,16 @@ tells a restarted process what the vehicle does for the team.
 import hashlib
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
-from robrain.deploy.vda5050.messages import (
-    NODES_MAX,
-    Action,
-    ActionParameter,
-    BlockingType,
-    Body,
-    ControlPoint,
-    Edge,
-    Ellipse,
-    ErrorLevel,
-    InstantActions,
-    MapPlace,
-    Node,
-    NodePosition,
-    OperatingMode,
-    Order,
-    Position,
-    State,
-    Version,
-    ZoneOnMap,
-    ZoneSet,
-    ZoneSetContent,
-)
+from robrain.deploy.vda5050 import messages as vda
+from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
 from robrain.protocol.model.tasks.stock_kinds import PATROL, VISIT, Patrol
@@ -58,9 +37,13 @@ START_DEVIATION_M = 0.5
 VEHICLE = "vehicle"
 """Holder of a halt that is the vehicle's own pause; operators end it, or the vehicle."""
 ORDER_ID = re.compile(r"robrain:([A-Za-z0-9_.\-]+):([0-9]+)")
-DRIVES = (OperatingMode.AUTOMATIC, OperatingMode.SEMIAUTOMATIC)
-STOPS = (ErrorLevel.CRITICAL, ErrorLevel.FATAL)
+DRIVES = ("AUTOMATIC", "SEMIAUTOMATIC")
+STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
+
+
+Outgoing = tuple[str, dict[str, Any]]
+"""A topic of the vehicle, and the message without its header."""
 
 
 class _TaskEnd(NamedTuple):
@@ -74,7 +57,7 @@ class _Work(msgspec.Struct):
     id: str
     epoch: int
     lease_ns: int
-    order: Order | None = None
+    order: dict[str, Any] | None = None
     """None after a restart: the vehicle has it."""
     end: _TaskEnd | None = None
     """How it ends once the vehicle has no order for it."""
@@ -88,20 +71,19 @@ class VehicleRobot:
 
     Args:
         name: of the robot.
-        version: that the vehicle speaks.
-        place: of its map. Without an id, the map that it reports.
+        vehicle: its address. Without a map's id, the map that it reports.
         radius_m: of its footprint.
         continues_for_s: time for which the vehicle keeps its order without this process or the coordinator.
 
     """
 
-    def __init__(self, name: str, version: Version, place: MapPlace, radius_m: float, continues_for_s: float) -> None:
+    def __init__(self, name: str, vehicle: Vehicle, radius_m: float, continues_for_s: float) -> None:
         self.zones: Sequence[Zone] | None = None
         """Zones of the team; None until they are known."""
         self.latch = HaltLatch()
         self.team_halt_ns = 0
         """Stamp of the last halt or resume of the team."""
-        self._name, self._version, self._place, self._radius_m = name, version, place, radius_m
+        self._name, self._place, self._radius_m = name, vehicle, radius_m
         self.continues_for_s = continues_for_s
         self._vehicle: State | None = None
         self._work: _Work | None = None
@@ -127,7 +109,7 @@ class VehicleRobot:
             self._received_ns = now_ns
             self._begin(_Work(task_id, self._epoch, to_ns(self.continues_for_s)))
 
-    def step(self, now_ns: int) -> list[Body]:
+    def step(self, now_ns: int) -> list[Outgoing]:
         """Messages to send to the vehicle now."""
         vehicle, work = self._vehicle, self._work
         if vehicle is None:
@@ -166,11 +148,11 @@ class VehicleRobot:
             elif work.end is not None:
                 self._finish(*work.end)
 
-    def _send_order(self, work: _Work, vehicle: State, now_ns: int) -> list[Body]:
+    def _send_order(self, work: _Work, vehicle: State, now_ns: int) -> list[Outgoing]:
         refused = [
             error.words
             for error in vehicle.errors
-            if work.order is not None and error.refers_to("orderId", work.order.order_id)
+            if work.order is not None and error.refers_to("orderId", work.order["orderId"])
         ]
         if work.end is not None:
             if work.sent_ns is None or now_ns - work.last_sent_ns > SETTLE_NS:
@@ -183,10 +165,10 @@ class VehicleRobot:
         elif vehicle.is_idle and (work.sent_ns is None or now_ns - work.last_sent_ns >= AGAIN_NS):
             work.sent_ns = now_ns if work.sent_ns is None else work.sent_ns
             work.last_sent_ns = now_ns
-            return [work.order]
+            return [("order", work.order)]
         return []
 
-    def _pause(self, vehicle: State, now_ns: int) -> list[Body]:
+    def _pause(self, vehicle: State, now_ns: int) -> list[Outgoing]:
         is_ours = any(holder != VEHICLE for holder in self.latch.holders)
         if not vehicle.paused:
             if VEHICLE in self.latch.holders:
@@ -200,22 +182,21 @@ class VehicleRobot:
             self.latch.hold(VEHICLE, "the vehicle is paused")
         return []
 
-    def _send_zones(self, vehicle: State, now_ns: int) -> list[Body]:
-        if self._version is Version.V2_1 or self.zones is None or vehicle.zone_sets is msgspec.UNSET:
+    def _send_zones(self, vehicle: State, now_ns: int) -> list[Outgoing]:
+        if self._place.is_old or self.zones is None or vehicle.zone_sets is msgspec.UNSET:
             return []
-        content = zone_set_of(self.zones, self._name, self._map_place)
+        content = zone_set_of(self.zones, self._name, self._mapped)
         there = {one.zone_set_id: one.zone_set_status for one in vehicle.zone_sets or ()}
-        if content.zone_set_id not in there:
-            is_due = (content.zones or there) and self._is_due("zoneSet", now_ns)
-            return [ZoneSet(zone_set=content)] if is_due else []
-        if there[content.zone_set_id] == "ENABLED":
-            return []
-        return self._instant("enableZoneSet", now_ns, zoneSetId=content.zone_set_id)
+        name = content["zoneSetId"]
+        if name not in there:
+            is_due = (content["zones"] or there) and self._is_due("zoneSet", now_ns)
+            return [("zoneSet", {"zoneSet": content})] if is_due else []
+        return [] if there[name] == "ENABLED" else self._instant("enableZoneSet", now_ns, zoneSetId=name)
 
-    def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Body]:
+    def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Outgoing]:
         if not self._is_due(kind, now_ns):
             return []
-        return [InstantActions(actions=[instant_action(kind, f"{kind}-{now_ns}", **parameters)])]
+        return [("instantActions", instant_action(kind, f"{kind}-{now_ns}", **parameters))]
 
     def _is_due(self, what: str, now_ns: int) -> bool:
         if now_ns - self._sent_ns.get(what, -AGAIN_NS) < AGAIN_NS:
@@ -285,10 +266,10 @@ class VehicleRobot:
         if vehicle.intermediate_path:
             found = [(point.x, point.y) for point in vehicle.intermediate_path.polyline]
         else:
-            order = self._work.order if self._work is not None and self._work.order is not None else None
-            known = {node.sequence_id: node.node_position for node in order.nodes} if order is not None else {}
-            places = [one.node_position or known.get(one.sequence_id) for one in vehicle.node_states]
-            found = [(one.x, one.y) for one in (vehicle.position, *places) if one]
+            order = (self._work.order if self._work is not None else None) or {"nodes": []}
+            known = {node["sequenceId"]: node["nodePosition"] for node in order["nodes"]}
+            places = [known[one.sequence_id] for one in vehicle.node_states if one.sequence_id in known]
+            found = [(vehicle.position.x, vehicle.position.y), *((at["x"], at["y"]) for at in places)]
         poses = [self._place.to_arena(*point) for point in found]
         return [Point2D(pose.x_m, pose.y_m) for pose in poses]
 
@@ -330,7 +311,7 @@ class VehicleRobot:
         )
 
     @property
-    def _map_place(self) -> MapPlace:
+    def _mapped(self) -> Vehicle:
         at = self._vehicle.position if self._vehicle is not None else None
         return self._place if self._place.map_id or at is None else self._place._replace(map_id=at.map_id)
 
@@ -358,44 +339,33 @@ class VehicleRobot:
         ended = TaskStatus(id=self._work.id, epoch=self._work.epoch, state=state, why=cut(why))
         self._work, self._status, self._before = None, ended, ended
 
-    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: Position) -> Order:
-        order_id = f"robrain:{task.id}:{epoch}"
-        around = START_DEVIATION_M
-        allowed = around if self._version is Version.V2_1 else Ellipse(a=around, b=around, theta=0.0)
+    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> dict[str, Any]:
+        order_id, around = f"robrain:{task.id}:{epoch}", START_DEVIATION_M
+        allowed = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
         on_map = [self._place.from_arena(place.x_m, place.y_m) for place in places]
-        positions = [
-            NodePosition(x=start.x, y=start.y, map_id=start.map_id, allowed_deviation=allowed),
-            *(NodePosition(x=place.x_m, y=place.y_m, map_id=start.map_id) for place in on_map),
-        ]
+        points = [(start.x, start.y), *((at.x_m, at.y_m) for at in on_map)]
+        positions: list[dict[str, Any]] = [{"x": x, "y": y, "mapId": start.map_id} for x, y in points]
+        positions[0]["allowedDeviationXY"] = allowed
         names = [f"node-{number}" for number in range(len(positions))]
         names[-1] = f"{order_id}:{task.service_s:g}"
-        nodes = [
-            Node(node_id=name, sequence_id=2 * number, released=True, node_position=position, actions=[])
-            for number, (name, position) in enumerate(zip(names, positions, strict=True))
-        ]
+
+        def part(kind: str, name: str, sequence_id: int, **fields: Any) -> dict[str, Any]:
+            return {f"{kind}Id": name, "sequenceId": sequence_id, "released": True, "actions": [], **fields}
+
+        nodes = [part("node", names[n], 2 * n, nodePosition=position) for n, position in enumerate(positions)]
         edges = [
-            Edge(
-                edge_id=f"edge-{number}",
-                sequence_id=2 * number + 1,
-                released=True,
-                start_node_id=names[number],
-                end_node_id=names[number + 1],
-                actions=[],
-            )
-            for number in range(len(nodes) - 1)
+            part("edge", f"edge-{n}", 2 * n + 1, startNodeId=names[n], endNodeId=names[n + 1])
+            for n in range(len(nodes) - 1)
         ]
-        return Order(order_id=order_id, order_update_id=0, nodes=nodes, edges=edges)
+        return {"orderId": order_id, "orderUpdateId": 0, "nodes": nodes, "edges": edges}
 
 
-def instant_action(kind: str, action_id: str, **parameters: str) -> Action:
-    """An instant action; both versions accept the blocking type NONE."""
-    found = [ActionParameter(key=key, value=value) for key, value in parameters.items()]
-    return Action(
-        action_type=kind,
-        action_id=action_id,
-        blocking_type=BlockingType.NONE,
-        action_parameters=found or msgspec.UNSET,
-    )
+def instant_action(kind: str, action_id: str, **parameters: str) -> dict[str, Any]:
+    """A message with an instant action; both versions accept the blocking type NONE."""
+    action: dict[str, Any] = {"actionType": kind, "actionId": action_id, "blockingType": "NONE"}
+    if parameters:
+        action["actionParameters"] = [{"key": key, "value": value} for key, value in parameters.items()]
+    return {"actions": [action]}
 
 
 def _places(task: Task) -> list[Point2D]:
@@ -445,22 +415,19 @@ ZONE_TYPES = {ZoneKind.KEEP_OUT: "BLOCKED", ZoneKind.SPEED_LIMIT: "SPEED_LIMIT",
 """Zone types of version 3; zones of other kinds are not sent."""
 
 
-def zone_set_of(zones: Sequence[Zone], robot: str, place: MapPlace) -> ZoneSetContent:
+def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str, Any]:
     """The zones that a robot has to obey as a zone set, whose id changes with its content."""
-    found = [
-        ZoneOnMap(
-            zone_id=zone.name,
-            zone_type=ZONE_TYPES[zone.kind],
-            vertices=[_vertex(place.from_arena(x_m, y_m)) for x_m, y_m in zone.corners_m],
-            maximum_speed=msgspec.UNSET if zone.speed_m_s is None else zone.speed_m_s,
-            penalty_factor=msgspec.UNSET if zone.cost_m is None else zone.cost_m / (1.0 + zone.cost_m),
-        )
-        for zone in zones
-        if zone.kind in ZONE_TYPES and zone.binds(robot)
-    ]
-    digest = hashlib.sha256(msgspec.json.encode([place.map_id, found])).hexdigest()
-    return ZoneSetContent(map_id=place.map_id, zone_set_id=f"robrain-{digest[:16]}", zones=found)
-
-
-def _vertex(pose: Pose2D) -> ControlPoint:
-    return ControlPoint(x=pose.x_m, y=pose.y_m)
+    found = []
+    for zone in zones:
+        if zone.kind not in ZONE_TYPES or not zone.binds(robot):
+            continue
+        corners = [vehicle.from_arena(x_m, y_m) for x_m, y_m in zone.corners_m]
+        vertices = [{"x": corner.x_m, "y": corner.y_m} for corner in corners]
+        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": ZONE_TYPES[zone.kind], "vertices": vertices}
+        if zone.speed_m_s is not None:
+            content["maximumSpeed"] = zone.speed_m_s
+        if zone.cost_m is not None:
+            content["penaltyFactor"] = zone.cost_m / (1.0 + zone.cost_m)
+        found.append(content)
+    digest = hashlib.sha256(msgspec.json.encode([vehicle.map_id, found])).hexdigest()
+    return {"mapId": vehicle.map_id, "zoneSetId": f"robrain-{digest[:16]}", "zones": found}
