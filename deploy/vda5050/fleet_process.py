@@ -14,17 +14,7 @@ from robrain.deploy.command_line.options import make_folder
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
-from robrain.deploy.vda5050.messages import (
-    ID_MAX,
-    NODES_MAX,
-    Action,
-    BadMessage,
-    InstantActions,
-    Order,
-    Vehicle,
-    read,
-    timestamp,
-)
+from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.mqtt_link import Broker, MqttLink, Packet
 from robrain.deploy.vda5050.robot_orders import KeptOrder, NodeTask, RobotOrders
 from robrain.protocol.clock import steps, to_ns
@@ -166,13 +156,13 @@ class RobotVehicle:
 
     """
 
-    def __init__(self, vehicle: Vehicle, broker: Broker, calls: TeamCalls, file: OrderFile, wire: Endpoint) -> None:
+    def __init__(self, vehicle: vda.Vehicle, broker: Broker, calls: TeamCalls, file: OrderFile, wire: Endpoint) -> None:
         self.state: RobotState | None = None
         self.path: PlannedPath | None = None
         self.orders = RobotOrders(vehicle, file.read(vehicle.serial))
         self._vehicle, self._calls, self._file, self._refusals = vehicle, calls, file, wire.refusals
         self._waiting: dict[str, Future[tuple[TaskState, str]]] = {}
-        self._halting: list[tuple[Action, Future[str]]] = []
+        self._halting: list[tuple[vda.OrderAction, Future[str]]] = []
         self._header_ids: dict[str, int] = {}
         self._sent_ns: dict[str, int] = {}
         self._last: Any = None
@@ -201,18 +191,18 @@ class RobotVehicle:
     def _handle(self, packet: Packet, now_ns: int) -> None:
         try:
             if packet.topic == self._vehicle.topic("order"):
-                order = read(packet.topic, packet.payload, Order)
+                order = vda.read(packet.topic, packet.payload, vda.VehicleOrder)
                 if self.orders.handle_order(order, packet.payload, self.state):
                     self._file.write(self._vehicle.serial, self.orders.kept)
             else:
-                for action in read(packet.topic, packet.payload, InstantActions).actions:
+                for action in vda.read(packet.topic, packet.payload, vda.InstantActions).actions:
                     self._do(action, now_ns)
-        except BadMessage as error:
+        except vda.BadVehicleMessage as error:
             self._refusals.record("vda5050", packet.topic, RefusalCode.MALFORMED, str(error))
             self.orders.reject_payload(str(error))
         self._last = None
 
-    def _do(self, action: Action, now_ns: int) -> None:
+    def _do(self, action: vda.OrderAction, now_ns: int) -> None:
         orders = self.orders
         if action.action_id in orders.instant:
             return  # it has come twice
@@ -324,7 +314,7 @@ def _state_of(part: Any, kind: str) -> dict[str, Any]:
     return {key: fields[key] for key in (f"{kind}Id", "sequenceId", "released")}
 
 
-def _paths(vehicle: Vehicle, path: PlannedPath | None, now_ns: int) -> dict[str, Any]:
+def _paths(vehicle: vda.Vehicle, path: PlannedPath | None, now_ns: int) -> dict[str, Any]:
     """The robot's planned path as both paths of version 3; nothing while it stands."""
     if path is None or len(path.points) < 2:
         return {}
@@ -333,7 +323,7 @@ def _paths(vehicle: Vehicle, path: PlannedPath | None, now_ns: int) -> dict[str,
     for before, at in zip([points[0], *points], points, strict=False):
         along_m += before.distance_m(at)
         eta_ns = now_ns + to_ns(along_m / (path.speed_m_s or SPEED_M_S))
-        waypoints.append({"x": at.x_m, "y": at.y_m, "eta": timestamp(eta_ns)})
+        waypoints.append({"x": at.x_m, "y": at.y_m, "eta": vda.timestamp(eta_ns)})
     knots = [0.0, *(number / last for number in range(last + 1)), 1.0]
     curve = {"degree": 1, "knotVector": knots, "controlPoints": [{"x": at.x_m, "y": at.y_m} for at in points]}
     return {"plannedPath": {"trajectory": curve}, "intermediatePath": {"polyline": waypoints}}
@@ -353,7 +343,7 @@ NAMES_3 = {
 """Names of fields of a factsheet in version 3, by those in version 2."""
 
 
-def factsheet(vehicle: Vehicle, robot: RobotState | None) -> dict[str, Any]:
+def factsheet(vehicle: vda.Vehicle, robot: RobotState | None) -> dict[str, Any]:
     """The factsheet of a robot as JSON, without its header."""
     diameter_m = 2.0 * (robot.radius_m if robot is not None else 0.0)
     duration = {"key": "duration", "valueDataType": "NUMBER", "description": "Seconds."}
@@ -367,13 +357,13 @@ def factsheet(vehicle: Vehicle, robot: RobotState | None) -> dict[str, Any]:
     kind = {"agvKinematic": "DIFF", "agvClass": "CARRIER", "navigationTypes": ["AUTONOMOUS"]}
     if not vehicle.is_old:
         kind |= {"agvKinematic": "DIFFERENTIAL", "navigationTypes": ["FREELY_NAVIGATING"]}
-    limits = {"order.nodes": NODES_MAX, "order.edges": NODES_MAX}
+    limits = {"order.nodes": vda.NODES_MAX, "order.edges": vda.NODES_MAX}
     timing = {"minOrderInterval": 0.0, "minStateInterval": 0.05, "defaultStateInterval": 1.0}
     required = {"parameter": "order.nodes.nodePosition", "support": "REQUIRED"}
     found = {
         "typeSpecification": {"seriesName": "robrain", "maxLoadMass": 0.0, "localizationTypes": ["NATURAL"], **kind},
         "physicalParameters": {"speedMin": 0.0, **speeds, **size},
-        "protocolLimits": {"maxStringLens": {"idLen": ID_MAX}, "maxArrayLens": limits, "timing": timing},
+        "protocolLimits": {"maxStringLens": {"idLen": vda.ID_MAX}, "maxArrayLens": limits, "timing": timing},
         "protocolFeatures": {"optionalParameters": [required], "agvActions": actions},
         "agvGeometry": {},
         "loadSpecification": {},
@@ -392,7 +382,7 @@ def _close_all(vehicles: dict[str, RobotVehicle], now_ns: int) -> None:
         vehicles.popitem()[1].close(now_ns)
 
 
-def fleet_command(connect: str | None, team: str, broker: Broker, shown: Vehicle, folder: Path) -> None:
+def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Vehicle, folder: Path) -> None:
     """Show a team's robots as vehicles until Ctrl-C; wait until the endpoints answer.
 
     Args:

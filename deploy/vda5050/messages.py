@@ -27,10 +27,10 @@ Prose = Annotated[str, Meta(max_length=4096)]
 Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
-B = TypeVar("B", bound="Body")
+B = TypeVar("B", bound="VdaStruct")
 
 
-class BadMessage(RobrainError):
+class BadVehicleMessage(RobrainError):
     """A message of MQTT that cannot be read; the text names topic and key."""
 
 
@@ -90,11 +90,11 @@ def timestamp(now_ns: int) -> str:
     return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-class Body(msgspec.Struct, rename="camel"):
+class VdaStruct(msgspec.Struct, rename="camel"):
     """A message without its header, or a part of one."""
 
 
-class Header(Body):
+class Header(VdaStruct):
     """The protocol header."""
 
     header_id: Number
@@ -105,14 +105,14 @@ class Header(Body):
 
 
 def read(topic: str, payload: bytes, kind: type[B]) -> B:
-    """Decode and check a message (BadMessage)."""
+    """Decode and check a message (BadVehicleMessage)."""
     if len(payload) > MESSAGE_MAX_BYTES:
-        raise BadMessage(f"{topic}: expected at most {MESSAGE_MAX_BYTES} bytes, got {len(payload)}")
+        raise BadVehicleMessage(f"{topic}: expected at most {MESSAGE_MAX_BYTES} bytes, got {len(payload)}")
     try:
         msgspec.json.decode(payload, type=Header)
         return msgspec.json.decode(payload, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadMessage(f"{topic}: {error}") from error
+        raise BadVehicleMessage(f"{topic}: {error}") from error
 
 
 # -- orders and actions -----------------------------------------------------------------------------------------------
@@ -125,14 +125,14 @@ ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
 """The states of an action that nothing follows."""
 
 
-class ActionParameter(Body):
+class ActionParameter(VdaStruct):
     """Parameter of an action."""
 
     key: Id
     value: Any
 
 
-class Action(Body):
+class OrderAction(VdaStruct):
     """An action of a node or an edge, or an instant action."""
 
     action_type: Id
@@ -145,34 +145,30 @@ class Action(Body):
         return next((one.value for one in self.action_parameters or () if one.key == key), None)
 
 
-Actions = Annotated[list[Action], Meta(max_length=64)]
+Actions = Annotated[list[OrderAction], Meta(max_length=64)]
 
 
-class Ellipse(Body):
-    """Deviation from a node in version 3: half axes, metres, and their direction."""
-
-    a: Metres
-    b: Metres
-    theta: Radians
+Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
+"""Allowed distance from a node, metres; in version 3 an ellipse with half axes `a` and `b`."""
 
 
-class NodePosition(Body):
+class NodePosition(VdaStruct):
     """Place of a node, in the map's frame: metres and radians."""
 
     x: Metres
     y: Metres
     map_id: Id
     theta: Radians | UnsetType = UNSET
-    allowed_deviation: Metres | Ellipse | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
+    allowed_deviation: Deviation | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
 
     @property
     def deviation_m(self) -> float:
         """Allowed distance from the node; 0 if none is given."""
         allowed = self.allowed_deviation
-        return min(allowed.a, allowed.b) if isinstance(allowed, Ellipse) else allowed or 0.0
+        return min(allowed.get("a", 0.0), allowed.get("b", 0.0)) if isinstance(allowed, dict) else allowed or 0.0
 
 
-class Node(Body):
+class OrderNode(VdaStruct):
     """A node of an order."""
 
     node_id: Id
@@ -182,27 +178,25 @@ class Node(Body):
     node_position: NodePosition | UnsetType = UNSET
 
 
-class Edge(Body):
+class OrderEdge(VdaStruct):
     """An edge of an order."""
 
     edge_id: Id
     sequence_id: Number
     released: bool
     actions: Actions
-    start_node_id: Id | UnsetType = UNSET
-    end_node_id: Id | UnsetType = UNSET
 
 
-class Order(Body):
+class VehicleOrder(VdaStruct):
     """An order, or an update of one."""
 
     order_id: Id
     order_update_id: Number
-    nodes: Annotated[list[Node], Meta(min_length=1, max_length=NODES_MAX)]
-    edges: Annotated[list[Edge], Meta(max_length=NODES_MAX)]
+    nodes: Annotated[list[OrderNode], Meta(min_length=1, max_length=NODES_MAX)]
+    edges: Annotated[list[OrderEdge], Meta(max_length=NODES_MAX)]
 
 
-class InstantActions(Body):
+class InstantActions(VdaStruct):
     """Actions for now."""
 
     actions: Actions
@@ -214,19 +208,19 @@ class InstantActions(Body):
 OperatingMode = Literal[
     "STARTUP", "AUTOMATIC", "SEMIAUTOMATIC", "INTERVENED", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"
 ]
-"""Who controls a vehicle."""
+"""Control over a vehicle: by its master, or by a person."""
 ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
 ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
 
 
-class Reference(Body):
+class Reference(VdaStruct):
     """The cause of an error."""
 
     reference_key: Id
     reference_value: Prose
 
 
-class VehicleError(Body):
+class VehicleError(VdaStruct):
     """An error that a vehicle reports."""
 
     error_type: Id
@@ -244,7 +238,7 @@ class VehicleError(Body):
         return f"{self.error_type}: {self.error_description}" if self.error_description else self.error_type
 
 
-class ActionState(Body):
+class ActionState(VdaStruct):
     """State of an action."""
 
     action_id: Id
@@ -252,7 +246,7 @@ class ActionState(Body):
     action_type: Id | UnsetType = UNSET
 
 
-class NodeState(Body):
+class NodeState(VdaStruct):
     """A node that the vehicle has yet to reach."""
 
     node_id: Id
@@ -260,7 +254,7 @@ class NodeState(Body):
     node_position: NodePosition | UnsetType = UNSET
 
 
-class Position(Body):
+class Position(VdaStruct):
     """Position of a vehicle: metres and radians, map frame."""
 
     x: Metres
@@ -271,7 +265,7 @@ class Position(Body):
     localized: bool | UnsetType = UNSET
 
 
-class Velocity(Body):
+class Velocity(VdaStruct):
     """Velocity of a vehicle, in its frame."""
 
     vx: Speed = 0.0
@@ -279,7 +273,7 @@ class Velocity(Body):
     omega: Speed = 0.0
 
 
-class PowerSupply(Body):
+class VehiclePower(VdaStruct):
     """Battery of a vehicle: `stateOfCharge` is `batteryCharge` in version 2."""
 
     charging: bool
@@ -289,27 +283,27 @@ class PowerSupply(Body):
     battery_current: Amount | UnsetType = UNSET
 
 
-class Waypoint(Body):
+class Waypoint(VdaStruct):
     """A point of the path that a vehicle follows next."""
 
     x: Metres
     y: Metres
 
 
-class Polyline(Body):
+class Polyline(VdaStruct):
     """The path that a vehicle follows next."""
 
     polyline: Annotated[list[Waypoint], Meta(max_length=10_000)]
 
 
-class ZoneSetState(Body):
+class ZoneSetState(VdaStruct):
     """A zone set on a vehicle."""
 
     zone_set_id: Id
     zone_set_status: Id
 
 
-class State(Body):
+class State(VdaStruct):
     """State of a vehicle."""
 
     order_id: Id
@@ -327,8 +321,8 @@ class State(Body):
     velocity: Velocity | UnsetType = UNSET
     agv_position: Position | UnsetType = UNSET
     mobile_robot_position: Position | UnsetType = UNSET
-    battery_state: PowerSupply | UnsetType = UNSET
-    power_supply: PowerSupply | UnsetType = UNSET
+    battery_state: VehiclePower | UnsetType = UNSET
+    power_supply: VehiclePower | UnsetType = UNSET
     intermediate_path: Polyline | UnsetType = UNSET
     zone_sets: Annotated[list[ZoneSetState], Meta(max_length=64)] | UnsetType = UNSET
 
@@ -346,7 +340,7 @@ class State(Body):
         )
 
 
-class Connection(Body):
+class VehicleConnection(VdaStruct):
     """A vehicle's connection to the broker."""
 
     connection_state: ConnectionState

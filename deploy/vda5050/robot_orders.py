@@ -12,20 +12,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from robrain.deploy.vda5050 import messages as vda
-from robrain.deploy.vda5050.messages import (
-    NODES_MAX,
-    Action,
-    ActionState,
-    ActionStatus,
-    Body,
-    Edge,
-    ErrorLevel,
-    Node,
-    Order,
-    Reference,
-    Vehicle,
-    VehicleError,
-)
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import TaskState
@@ -56,13 +42,13 @@ INSTANT_MAX = 32
 _NOT_A_NAME = re.compile(r"[^A-Za-z0-9_]")
 
 
-class KeptOrder(Body):
+class KeptOrder(vda.VdaStruct):
     """The current order with all its updates, as the gateway keeps it on disk."""
 
     order_id: str = ""
     order_update_id: int = 0
-    nodes: list[Node] = msgspec.field(default_factory=list)
-    edges: list[Edge] = msgspec.field(default_factory=list)
+    nodes: list[vda.OrderNode] = msgspec.field(default_factory=list)
+    edges: list[vda.OrderEdge] = msgspec.field(default_factory=list)
     digest: str = ""
     """Of the last update, which may arrive again."""
     cancelled_by: list[str] = msgspec.field(default_factory=list)
@@ -73,7 +59,7 @@ class NodeTask(NamedTuple):
     """The task of a node."""
 
     id: str
-    node: Node
+    node: vda.OrderNode
     place: Point2D
     service_s: float
     after: str
@@ -86,7 +72,7 @@ class _Refused(Exception):
         self.kind = kind
 
 
-class EdgesAsSent(Body):
+class EdgesAsSent(vda.VdaStruct):
     """The edges of an order with all fields."""
 
     edges: list[dict[str, Any]]
@@ -101,19 +87,19 @@ class RobotOrders:
 
     """
 
-    def __init__(self, vehicle: Vehicle, kept: KeptOrder) -> None:
+    def __init__(self, vehicle: vda.Vehicle, kept: KeptOrder) -> None:
         self.kept = kept
-        self.instant: dict[str, ActionState] = {}
+        self.instant: dict[str, vda.ActionState] = {}
         """Instant actions, the latest last."""
         self._vehicle = vehicle
         self._states: dict[str, TaskState] = {}
         self._why: dict[str, str] = {}
-        self._rejections: list[VehicleError] = []
+        self._rejections: list[vda.VehicleError] = []
         self._update_tasks()
 
     # -- the master's side --------------------------------------------------------------------------------------------
 
-    def handle_order(self, order: Order, payload: bytes, state: RobotState | None) -> bool:
+    def handle_order(self, order: vda.VehicleOrder, payload: bytes, state: RobotState | None) -> bool:
         """Accept or reject an order; whether the kept order has changed.
 
         Args:
@@ -150,7 +136,7 @@ class RobotOrders:
         """Report a message that cannot be read."""
         self._reject("VALIDATION_FAILURE", text, {})
 
-    def cancel(self, action: Action) -> bool:
+    def cancel(self, action: vda.OrderAction) -> bool:
         """Cancel the order; whether the kept order has changed."""
         wanted = action.parameter("orderId")
         if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
@@ -161,37 +147,37 @@ class RobotOrders:
         self.set_instant(action, "RUNNING")
         return True
 
-    def refuse_action(self, action: Action) -> None:
+    def refuse_action(self, action: vda.OrderAction) -> None:
         """Report an instant action that robots cannot do."""
         text = f"no robot can {action.action_type}"
         self._reject("INVALID_INSTANT_ACTION", text, {"actionId": action.action_id})
         self.set_instant(action, "FAILED")
 
-    def set_instant(self, action: Action, status: ActionStatus) -> None:
+    def set_instant(self, action: vda.OrderAction, status: vda.ActionStatus) -> None:
         """Report the state of an instant action."""
-        self.instant[action.action_id] = ActionState(action.action_id, status, action.action_type)
+        self.instant[action.action_id] = vda.ActionState(action.action_id, status, action.action_type)
         if len(self.instant) > INSTANT_MAX:
             del self.instant[next(iter(self.instant))]
 
     def _reject(self, kind: str, text: str, references: dict[str, str]) -> None:
         self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
 
-    def _error(self, kind: str, text: str, references: dict[str, str]) -> VehicleError:
+    def _error(self, kind: str, text: str, references: dict[str, str]) -> vda.VehicleError:
         is_old = self._vehicle.is_old
-        level: ErrorLevel = "WARNING"
+        level: vda.ErrorLevel = "WARNING"
         if kind in CRITICAL:
             level = "CRITICAL"
             if is_old:
                 level = "FATAL" if kind == "NODE_UNREACHABLE" else "WARNING"
         name = ERROR_TYPES_2.get(kind, "orderError") if is_old else ERROR_TYPES_3.get(kind, kind)
-        found = [Reference(key, value) for key, value in references.items()]
-        return VehicleError(name, level, text[:4096], found)
+        found = [vda.Reference(key, value) for key, value in references.items()]
+        return vda.VehicleError(name, level, text[:4096], found)
 
-    def _check_form(self, order: Order, payload: bytes) -> None:
+    def _check_form(self, order: vda.VehicleOrder, payload: bytes) -> None:
         nodes, edges = order.nodes, order.edges
         if len(edges) != len(nodes) - 1:
             raise _Refused("VALIDATION_FAILURE", f"expected {len(nodes) - 1} edges, got {len(edges)}")
-        parts: list[Node | Edge] = [nodes[0]]
+        parts: list[vda.OrderNode | vda.OrderEdge] = [nodes[0]]
         for edge, node in zip(edges, nodes[1:], strict=True):
             parts += [edge, node]
         first = nodes[0].sequence_id
@@ -213,10 +199,10 @@ class RobotOrders:
                     raise _Refused("UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed")
         for part in parts:
             for action in part.actions:
-                if isinstance(part, Edge) or _wait_s(action) is None:
+                if isinstance(part, vda.OrderEdge) or _wait_s(action) is None:
                     raise _Refused("INVALID_ORDER_ACTION", f"action {action.action_id}: {action.action_type}")
 
-    def _continued(self, order: Order) -> tuple[list[Node], list[Edge]]:
+    def _continued(self, order: vda.VehicleOrder) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
         """The base before the first node of an update."""
         kept = self.kept
         if order.order_update_id < kept.order_update_id:
@@ -229,11 +215,13 @@ class RobotOrders:
         last, first = base[-1], order.nodes[0]
         if (last.node_id, last.sequence_id) != (first.node_id, first.sequence_id):
             raise _Refused("NO_CONTINUATION", f"expected node {last.node_id} with sequenceId {last.sequence_id} first")
-        if len(base) + len(order.nodes) > NODES_MAX:
-            raise _Refused("INSUFFICIENT_MEMORY", f"expected at most {NODES_MAX} nodes in an order")
+        if len(base) + len(order.nodes) > vda.NODES_MAX:
+            raise _Refused("INSUFFICIENT_MEMORY", f"expected at most {vda.NODES_MAX} nodes in an order")
         return base[:-1], [edge for edge in kept.edges if edge.released]
 
-    def _begun(self, order: Order, state: RobotState | None) -> tuple[list[Node], list[Edge]]:
+    def _begun(
+        self, order: vda.VehicleOrder, state: RobotState | None
+    ) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
         """Nothing, for a new order that can begin."""
         if not self.is_idle:
             raise _Refused("OTHER_ORDER_ACTIVE", f"order {self.kept.order_id} is active")
@@ -275,7 +263,7 @@ class RobotOrders:
         """Report a cancellation as finished once all tasks have ended."""
         for action_id in self.kept.cancelled_by:
             if self.is_idle and self.instant.get(action_id, ACTION_BEFORE).action_status != "FINISHED":
-                self.instant[action_id] = ActionState(action_id, "FINISHED", "cancelOrder")
+                self.instant[action_id] = vda.ActionState(action_id, "FINISHED", "cancelOrder")
 
     def _has_ended(self, task_id: str) -> bool:
         state = self._states.get(task_id)
@@ -298,7 +286,7 @@ class RobotOrders:
     # -- state --------------------------------------------------------------------------------------------------------
 
     @property
-    def reached(self) -> Node | None:
+    def reached(self) -> vda.OrderNode | None:
         """The last node that the robot has reached; None before the first order."""
         open_sequences = [
             one.node.sequence_id for one in self.tasks() if self._states.get(one.id) is not TaskState.DONE
@@ -308,7 +296,7 @@ class RobotOrders:
         return found[-1] if found else (self.kept.nodes[0] if self.kept.nodes else None)
 
     @property
-    def remaining(self) -> list[Node]:
+    def remaining(self) -> list[vda.OrderNode]:
         """The nodes that are still to be reached; none of a cancelled order whose tasks have ended."""
         if self.kept.cancelled_by and all(self._has_ended(task.id) for task in self.tasks()):
             return []
@@ -322,13 +310,13 @@ class RobotOrders:
         return not self.remaining and not is_waiting
 
     @property
-    def remaining_edges(self) -> list[Edge]:
+    def remaining_edges(self) -> list[vda.OrderEdge]:
         """The edges that are still to be left."""
         remaining = self.remaining
         first = remaining[0].sequence_id - 1 if remaining else 2**32
         return [edge for edge in self.kept.edges if edge.sequence_id >= first]
 
-    def action_states(self, pose: Pose2D | None) -> list[ActionState]:
+    def action_states(self, pose: Pose2D | None) -> list[vda.ActionState]:
         """States of the order's actions.
 
         Args:
@@ -340,17 +328,17 @@ class RobotOrders:
         for node in self.kept.nodes:
             task = tasks.get(node.sequence_id)
             state = None if task is None else self._states.get(task.id)
-            status: ActionStatus = "WAITING"
+            status: vda.ActionStatus = "WAITING"
             if state is TaskState.DONE:
                 status = "FINISHED"
             elif (state is not None and state.ended) or (self.kept.cancelled_by and not self.remaining):
                 status = "FAILED"
             elif state is TaskState.RUNNING and task and pose and pose.distance_m(task.place) < NEAR_M:
                 status = "RUNNING"
-            found += [ActionState(action.action_id, status, action.action_type) for action in node.actions]
+            found += [vda.ActionState(action.action_id, status, action.action_type) for action in node.actions]
         return found
 
-    def errors(self) -> list[VehicleError]:
+    def errors(self) -> list[vda.VehicleError]:
         """Rejections of messages, and nodes that were not reached."""
         found = list(self._rejections)
         for task in self.tasks():
@@ -361,10 +349,10 @@ class RobotOrders:
         return found
 
 
-ACTION_BEFORE = ActionState("", "WAITING")
+ACTION_BEFORE = vda.ActionState("", "WAITING")
 
 
-def _wait_s(action: Action) -> float | None:
+def _wait_s(action: vda.OrderAction) -> float | None:
     """Duration of a wait; None for an action that robots cannot do."""
     duration = action.parameter("duration")
     if action.action_type != WAIT or action.blocking_type not in ("SOFT", "HARD"):

@@ -8,7 +8,7 @@ import msgspec
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
-from robrain.deploy.vda5050.messages import BadMessage, Connection, State, Vehicle, read
+from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, VehicleConnection, read
 from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink, Packet
 from robrain.deploy.vda5050.vehicle_robot import KINDS, VEHICLE, VehicleRobot, instant_action
 from robrain.protocol.clock import Clock, steps, to_ns
@@ -78,11 +78,11 @@ class VehicleLink:
         for packet in self._mqtt.drain():
             try:
                 if packet.topic == self._vehicle.topic("connection"):
-                    connection = read(packet.topic, packet.payload, Connection)
+                    connection = read(packet.topic, packet.payload, VehicleConnection)
                     self.is_online = connection.connection_state == "ONLINE"
                 else:
                     self._robot.handle_state(read(packet.topic, packet.payload, State), now_ns)
-            except BadMessage as error:
+            except BadVehicleMessage as error:
                 self._refusals.record("vda5050", packet.topic, RefusalCode.MALFORMED, str(error))
         if not (self.is_online and self._mqtt.is_connected):
             return

@@ -14,8 +14,8 @@ end with 0: `agent`, `coordinator`, `dashboard`, and `record` and `up` without `
 In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain COMMAND --help` prints the same as
 this page. Other pages: [robrain task](commands-task.md), [robrain zone](commands-zone.md),
 [robrain robot](commands-robot.md), [robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md),
-[robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md) and [robrain bench](commands-bench.md), and the
-[commands for recordings](commands-recordings.md).
+[robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md), [robrain vda5050](commands-vda5050.md) and
+[robrain bench](commands-bench.md), and the [commands for recordings](commands-recordings.md).
 
 A distribution adds commands by an entry point of the group `robrain.commands`, which names a `typer.Typer`. An extra in
 brackets behind it is named to the user if a package is missing.

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.vda5050.fleet_process import factsheet
-from robrain.deploy.vda5050.messages import Action, Order, Vehicle, Version, read
+from robrain.deploy.vda5050.messages import OrderAction, Vehicle, VehicleOrder, Version, read
 from robrain.deploy.vda5050.robot_orders import KeptOrder, RobotOrders
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
@@ -48,7 +48,7 @@ class Desk:
 
     def send(self, message: dict[str, Any]) -> bool:
         payload = msgspec.json.encode(message)
-        return self.orders.handle_order(read("order", payload, Order), payload, ROBOT)
+        return self.orders.handle_order(read("order", payload, VehicleOrder), payload, ROBOT)
 
     def end(self, state: TaskState = TaskState.DONE) -> None:
         task = self.orders.open_task()
@@ -143,7 +143,7 @@ def test_a_start_out_of_range_is_rejected() -> None:
 def test_a_cancelled_order_ends_with_its_tasks_and_takes_no_update() -> None:
     desk = Desk()
     desk.send(order(node(0), node(1, actions=[WAIT]), node(2, False)))
-    assert desk.orders.cancel(Action("cancelOrder", "c1", "NONE"))
+    assert desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
     assert desk.orders.instant["c1"].action_status == "RUNNING"
     desk.end(TaskState.CANCELLED)
     desk.orders.finish_cancel()
@@ -156,7 +156,7 @@ def test_a_cancelled_order_ends_with_its_tasks_and_takes_no_update() -> None:
 
 def test_there_is_nothing_to_cancel_without_an_order() -> None:
     desk = Desk()
-    assert not desk.orders.cancel(Action("cancelOrder", "c1", "NONE"))
+    assert not desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
     assert desk.orders.instant["c1"].action_status == "FAILED"
     assert desk.errors == [("NO_ORDER_TO_CANCEL", "WARNING")]
 

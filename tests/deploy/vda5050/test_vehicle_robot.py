@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.deploy.vda5050.messages import BadMessage, State, Vehicle, Version, read
+from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, Version, read
 from robrain.deploy.vda5050.vehicle_robot import VehicleRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
@@ -22,7 +22,7 @@ ERROR = {"errorType": "motor", "errorLevel": "FATAL", "errorDescription": "too h
 class Stage:
     """A vehicle that is idle at (1, 2) of its map."""
 
-    def __init__(self, version: Version = Version.V2_1, T_arena_map: Pose2D = Pose2D(0.0, 0.0, 0.0)) -> None:  # noqa: N803
+    def __init__(self, version: Version = Version.V2_1, T_arena_map: Pose2D = Pose2D(0.0, 0.0, 0.0)) -> None:
         self.vehicle = Vehicle(version, "acme", "7", "", T_arena_map)
         self.robot = VehicleRobot("v1", self.vehicle, 0.5, 30.0)
         self.now_ns = to_ns(100.0)
@@ -243,5 +243,5 @@ def test_zones_are_sent_once_and_enabled() -> None:
 @pytest.mark.parametrize("change", [{"orderId": 5}, {"lastNodeSequenceId": -1}, {"operatingMode": "ASLEEP"}])
 def test_a_bad_state_is_refused_with_topic_and_key(change: dict[str, Any]) -> None:
     fields = {**Stage().fields, **change}
-    with pytest.raises(BadMessage, match=rf"uagv/v2/acme/7/state: .*\$\.{next(iter(change))}"):
+    with pytest.raises(BadVehicleMessage, match=rf"uagv/v2/acme/7/state: .*\$\.{next(iter(change))}"):
         read("uagv/v2/acme/7/state", msgspec.json.encode(fields), State)

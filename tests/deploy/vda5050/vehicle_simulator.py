@@ -77,7 +77,9 @@ class SimulatedVehicle:
     def tick(self, now_s: float) -> None:
         if self.online != self.seen_online:
             self.seen_online = self.online
-            self.client.publish(f"{self.base}/connection", self.message("connection", connectionState="ONLINE"), 1, True)
+            self.client.publish(
+                f"{self.base}/connection", self.message("connection", connectionState="ONLINE"), 1, True
+            )
             self.published_s = 0.0
         while self.inbox:
             topic, payload = self.inbox.popleft()
@@ -184,8 +186,7 @@ class SimulatedVehicle:
                        "safetyState": {"eStop": "NONE", "fieldViolation": False}}  # fmt: skip
         else:
             zone_sets = [
-                {"zoneSetId": name, "mapId": "hall", "zoneSetStatus": status}
-                for name, status in self.zone_sets.items()
+                {"zoneSetId": name, "mapId": "hall", "zoneSetStatus": status} for name, status in self.zone_sets.items()
             ]
             fields |= {"actionStates": [], "instantActionStates": self.instant, "zoneSets": zone_sets,
                        "powerSupply": {"stateOfCharge": 80.0, "charging": False},
