@@ -62,7 +62,7 @@ class _Work(msgspec.Struct):
     end: _TaskEnd | None = None
     """How it ends once the vehicle has no order for it."""
     sent_ns: int | None = None
-    last_sent_ns: int = 0
+    last_sent_ns: int = -SETTLE_NS
     arrived_ns: int | None = None
 
 
@@ -93,6 +93,8 @@ class VehicleRobot:
         self._received_ns = 0
         self._resumed_ns = -RESUME_NS
         self._sent_ns: dict[str, int] = {}
+        self._in_flight = ("", -SETTLE_NS)
+        """The order of a task that was replaced, and when it was last sent."""
 
     # -- the vehicle's side -----------------------------------------------------------------------------------------
 
@@ -122,16 +124,18 @@ class VehicleRobot:
             self._check_progress(work, vehicle, now_ns)
         elif work is not None:
             sent += self._send_order(work, vehicle, now_ns)
-        is_wanted = self._work is not None and held == (self._work.id, self._work.epoch) and self._work.end is None
+        work = self._work
+        is_wanted = work is not None and work.end is None and self._is_order_of(work, vehicle, held)
         if held is not None and not vehicle.is_idle and not is_wanted:
             sent += self._instant("cancelOrder", now_ns)
         return sent
 
     def _is_order_of(self, work: _Work, vehicle: State, held: tuple[str, int] | None) -> bool:
-        """Whether the vehicle has the task's order, or has completed one of an earlier epoch."""
-        if held == (work.id, work.epoch):
-            return True
-        return held is not None and held[0] == work.id and vehicle.is_idle and _stay_s(vehicle) is not None
+        """Whether the vehicle has the task's order, or does or has completed one of an earlier epoch."""
+        if held is None or held[0] != work.id:
+            return False
+        is_earlier = not vehicle.is_idle or _stay_s(vehicle) is not None
+        return is_earlier or (work.order is None or work.order["orderId"] == vehicle.order_id)
 
     def _check_progress(self, work: _Work, vehicle: State, now_ns: int) -> None:
         faults = _faults(vehicle)
@@ -162,6 +166,8 @@ class VehicleRobot:
         elif refused or (work.sent_ns is not None and now_ns - work.sent_ns > GIVE_UP_NS):
             why = "; ".join(refused or [error.words for error in vehicle.errors]) or "no reason given"
             self._finish(TaskState.FAILED, f"the vehicle does not accept the order: {why}")
+        elif self._in_flight[0] != vehicle.order_id and now_ns - self._in_flight[1] < SETTLE_NS:
+            pass  # the order before may still arrive
         elif vehicle.is_idle and (work.sent_ns is None or now_ns - work.last_sent_ns >= AGAIN_NS):
             work.sent_ns = now_ns if work.sent_ns is None else work.sent_ns
             work.last_sent_ns = now_ns
@@ -213,6 +219,12 @@ class VehicleRobot:
             return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
         if self._status is not None and (self._status.id, self._status.epoch) == (task.id, epoch):
             return TaskAnswer(accepted=True)
+        work = self._work
+        if work is not None and work.id == task.id and work.end is None:  # no second order: the first may be on its way
+            self._epoch = work.epoch = epoch
+            self._received_ns = now_ns
+            self._begin(work)
+            return TaskAnswer(accepted=True)
         try:
             places = _places(task)
         except (BadParameters, ValueError) as error:
@@ -221,7 +233,9 @@ class VehicleRobot:
         refusal = self._refusal(offer)
         if refusal is not None or vehicle is None or vehicle.position is None:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
-        if self._work is not None:
+        if work is not None:
+            if work.order is not None:
+                self._in_flight = (work.order["orderId"], work.last_sent_ns)
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")
         self._epoch, self._received_ns = epoch, now_ns
         lease_ns = to_ns(max(offer.lease_s, self.continues_for_s))

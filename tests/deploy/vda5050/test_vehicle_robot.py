@@ -9,7 +9,7 @@ from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, V
 from robrain.deploy.vda5050.vehicle_robot import VehicleRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.zone import Zone, ZoneKind
 from tests.deploy.vda5050.published_schemas import mistakes
@@ -136,6 +136,33 @@ def test_a_task_that_the_vehicle_has_done_is_not_done_again() -> None:
     task = stage.robot.robot_state().task
     assert task is not None
     assert (task.epoch, task.state) == (2, TaskState.DONE)
+
+
+def test_a_task_that_is_offered_again_while_its_order_is_on_its_way_is_not_done_twice() -> None:
+    stage = Stage()
+    stage.tell()
+    stage.offer(epoch=1)
+    ((_, order),) = stage.wait(0.02)
+    assert stage.offer(epoch=2)
+    assert stage.wait(0.02) == []
+    assert stage.drive(order) == []
+    assert stage.arrive(order) == []
+    task = stage.robot.robot_state().task
+    assert task is not None
+    assert (task.epoch, task.state) == (2, TaskState.DONE)
+
+
+def test_the_next_order_waits_for_one_that_may_still_arrive() -> None:
+    stage = Stage()
+    stage.tell()
+    stage.offer()
+    ((_, order),) = stage.wait(0.02)
+    assert stage.offer(2, Task(id="t2", kind="visit", place=Point2D(0.0, 0.0)))
+    assert stage.wait(0.02) == []
+    assert actions(stage.drive(order)) == ["cancelOrder"]
+    stage.tell(nodeStates=[], driving=False)
+    ((topic, second),) = stage.wait(0.02) or stage.wait(1.0)
+    assert (topic, second["orderId"]) == ("order", "robrain:t2:2")
 
 
 def actions(sent: list[tuple[str, dict[str, Any]]]) -> list[str]:
