@@ -219,12 +219,6 @@ class VehicleRobot:
             return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
         if self._status is not None and (self._status.id, self._status.epoch) == (task.id, epoch):
             return TaskAnswer(accepted=True)
-        work = self._work
-        if work is not None and work.id == task.id and work.end is None:  # no second order: the first may be on its way
-            self._epoch = work.epoch = epoch
-            self._received_ns = now_ns
-            self._begin(work)
-            return TaskAnswer(accepted=True)
         try:
             places = _places(task)
         except (BadParameters, ValueError) as error:
@@ -233,7 +227,7 @@ class VehicleRobot:
         refusal = self._refusal(offer)
         if refusal is not None or vehicle is None or vehicle.position is None:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
-        if work is not None:
+        if (work := self._work) is not None:
             if work.order is not None:
                 self._in_flight = (work.order["orderId"], work.last_sent_ns)
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")

@@ -20,11 +20,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from robrain import TaskState, Team
-from robrain.protocol.messages.tasks.task_messages import TaskFilter
+from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 ROBOTS, WINDOW, LIMIT_S = 4, 40, 3600.0
 ROOT = Path(__file__).parents[2]
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 class Outcome(NamedTuple):
@@ -166,7 +172,7 @@ def run_vehicles(orders: int, version: str, folder: Path, disturb_each: int) -> 
                     disturbances += 1
                 if done >= shown + max(1, orders // 20):
                     shown = done
-                    print(f"vehicles: {done} of {orders} done, {time.monotonic() - began_s:.0f} s", flush=True)
+                    say(f"vehicles: {done} of {orders} done, {time.monotonic() - began_s:.0f} s")
                 time.sleep(0.1)
             took_s = time.monotonic() - began_s
         events = [json.loads(line) for line in log.read_text().splitlines()]
@@ -174,15 +180,15 @@ def run_vehicles(orders: int, version: str, folder: Path, disturb_each: int) -> 
     messages = [event for event in events if event["event"] == "message"]
     invalid = [event["wrong"] for event in messages if event["wrong"]]
     for wrong in invalid[:5]:
-        print(f"vehicles: invalid: {wrong}")
+        say(f"vehicles: invalid: {wrong}")
     lost = sum(f"t{number}" not in times for number in range(orders))
     twice = {task: count for task, count in times.items() if count > 1}
     if twice:
-        print(f"vehicles: done twice: {twice}")
+        say(f"vehicles: done twice: {twice}")
     return Outcome(done, lost, len(twice), len(messages), len(invalid), disturbances, took_s)
 
 
-def listed(team: Team, limit: int) -> list:
+def listed(team: Team, limit: int) -> list[TaskRecord]:
     """All tasks of the team."""
     return team.list(TaskFilter(limit=limit + WINDOW))
 
@@ -215,20 +221,20 @@ def run_fleet(orders: int, version: str, folder: Path, disturb_each: int) -> Out
                     disturbances += 1
                 if done >= shown + max(1, orders // 20):
                     shown = done
-                    print(f"fleet: {done} of {orders} done, {time.monotonic() - began_s:.0f} s", flush=True)
+                    say(f"fleet: {done} of {orders} done, {time.monotonic() - began_s:.0f} s")
                 time.sleep(0.1)
             took_s = time.monotonic() - began_s
             records = listed(team, 3 * orders)
         summary = json.loads((folder / "master.log").read_text().splitlines()[-1])
     for wrong in summary["mistakes"][:5]:
-        print(f"fleet: invalid: {wrong}")
-    print(f"fleet: messages {summary['kinds']}")
+        say(f"fleet: invalid: {wrong}")
+    say(f"fleet: messages {summary['kinds']}")
     times = Counter(line.split()[1] for line in done_log.read_text().splitlines())
     twice = {task: count for task, count in times.items() if count > 1}
     lost = orders - summary["done"] + sum(record.state is not TaskState.DONE for record in records)
     lost += abs(2 * orders - len(records))
     if twice:
-        print(f"fleet: done twice: {twice}")
+        say(f"fleet: done twice: {twice}")
     return Outcome(summary["done"], lost, len(twice), summary["messages"], summary["invalid"], disturbances, took_s)
 
 
@@ -243,9 +249,9 @@ def main() -> int:
                 folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 outcome = run(orders, version, folder, max(5, orders // 20))
                 is_good &= outcome.is_good
-                print(f"{name} {version}: {outcome.done} of {orders} orders done in {outcome.took_s:.0f} s, "
+                say(f"{name} {version}: {outcome.done} of {orders} orders done in {outcome.took_s:.0f} s, "
                       f"{outcome.disturbances} disturbances; lost {outcome.lost}, done twice {outcome.twice}; "
-                      f"{outcome.messages} messages, {outcome.invalid} invalid", flush=True)  # fmt: skip
+                      f"{outcome.messages} messages, {outcome.invalid} invalid")  # fmt: skip
     return 0 if is_good else 1
 
 

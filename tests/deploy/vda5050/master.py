@@ -10,6 +10,7 @@ import json
 import sys
 import time
 from collections import deque
+from itertools import pairwise
 from typing import Any
 
 from paho.mqtt.client import Client, MQTTMessage
@@ -19,6 +20,11 @@ from tests.deploy.vda5050.published_schemas import mistakes
 
 AGAIN_S = 1.0
 PLACES = ((1.0, 1.0), (2.0, 4.0), (4.0, 2.0), (3.0, 5.0), (5.0, 3.0))
+
+
+def say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 class ControlledVehicle:
@@ -59,7 +65,7 @@ class ControlledVehicle:
                 "released": after["released"], "startNodeId": before["nodeId"], "endNodeId": after["nodeId"],
                 "actions": [],
             }
-            for before, after in zip(nodes, nodes[1:], strict=False)
+            for before, after in pairwise(nodes)
         ]  # fmt: skip
         self.master.send(self.serial, "order", orderId=self.orders[0], orderUpdateId=self.update, nodes=nodes,
                          edges=edges)  # fmt: skip
@@ -147,11 +153,11 @@ class Master:
             done = sum(len(vehicle.done) for vehicle in self.vehicles.values())
             if done >= shown + 10:
                 shown = done
-                print(f"done {done}", flush=True)
+                say(f"done {done}")
             time.sleep(0.01)
         orders = [order for vehicle in self.vehicles.values() for order in vehicle.done]
-        print(json.dumps({"done": len(orders), "messages": self.messages, "kinds": self.kinds,
-                          "invalid": self.wrong_count, "mistakes": list(self.wrong)}), flush=True)  # fmt: skip
+        say(json.dumps({"done": len(orders), "messages": self.messages, "kinds": self.kinds,
+                          "invalid": self.wrong_count, "mistakes": list(self.wrong)}))  # fmt: skip
         self.client.disconnect()
         self.client.loop_stop()
 

@@ -22,7 +22,7 @@ ERROR = {"errorType": "motor", "errorLevel": "FATAL", "errorDescription": "too h
 class Stage:
     """A vehicle that is idle at (1, 2) of its map."""
 
-    def __init__(self, version: Version = Version.V2_1, T_arena_map: Pose2D = Pose2D(0.0, 0.0, 0.0)) -> None:
+    def __init__(self, version: Version = Version.V2_1, T_arena_map: Pose2D = IDENTITY) -> None:
         self.vehicle = Vehicle(version, "acme", "7", "", T_arena_map)
         self.robot = VehicleRobot("v1", self.vehicle, 0.5, 30.0)
         self.now_ns = to_ns(100.0)

@@ -22,6 +22,11 @@ NAMES_2 = {"position": "agvPosition", "localized": "positionInitialized", "inter
 NAMES_3 = {"position": "mobileRobotPosition", "localized": "localized", "interface": "vda5050/v3"}
 
 
+def say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
 class SimulatedVehicle:
     """A vehicle that drives straight from node to node, at constant speed."""
 
@@ -200,7 +205,7 @@ def main() -> None:
         vehicles = [
             SimulatedVehicle(port, version, f"v{number}", 1.0 + 2.0 * number, 1.0, stream) for number in range(count)
         ]
-        print("vehicles are there", flush=True)
+        say("vehicles are there")
         while True:
             began_s = time.monotonic()
             for vehicle in vehicles:

@@ -1,4 +1,4 @@
-"""VDA 5050 both ways: a real broker, vehicles and a master that are written from the standard alone, and real robrain."""
+"""VDA 5050 both ways, with a real broker; vehicles and master are written from the standard alone."""
 
 from pathlib import Path
 
