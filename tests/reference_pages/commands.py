@@ -12,9 +12,9 @@ Every command prints results on stdout, progress and warnings on stderr. An erro
 output that cannot be written is one with 1. Ctrl-C ends a command with 130. Commands that serve or record until then
 end with 0: `agent`, `coordinator`, `dashboard`, and `record` and `up` without `--until` and `--time-limit`.
 In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain COMMAND --help` prints the same as
-this page. Other pages: [robrain task](commands-task.md), [robrain zone](commands-zone.md),
-[robrain robot](commands-robot.md), [robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md),
-[robrain pki](commands-pki.md), [robrain ros2](commands-ros2.md), [robrain vda5050](commands-vda5050.md) and
+this page. Pages of groups: [robrain task](commands-task.md), [robrain zone](commands-zone.md),
+[robrain robot](commands-robot.md), [robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md) and
+[robrain pki](commands-pki.md). Further pages: [robrain ros2](commands-ros2.md), [robrain vda5050](commands-vda5050.md),
 [robrain bench](commands-bench.md), and the [commands for recordings](commands-recordings.md).
 
 A distribution adds commands by an entry point of the group `robrain.commands`, which names a `typer.Typer`. An extra in
