@@ -193,20 +193,26 @@ def listed(team: Team, limit: int) -> list[TaskRecord]:
     return team.list(TaskFilter(limit=limit + WINDOW))
 
 
+def start_robots(stage: Stage, names: list[str], version: str) -> None:
+    """Start robots, and the gateway that shows them as vehicles."""
+    wire = subprocess.run([sys.executable, "-m", "robrain.cli", "wire", "--format", "jsonschema"],
+                          capture_output=True, text=True, check=True, cwd=ROOT).stdout  # fmt: skip
+    robot = str(ROOT / "tests" / "deploy" / "vda5050" / "fast_robot.py")
+    for number, name in enumerate(names):
+        log = str(stage.folder / "robots.log")
+        stage.start(name, [sys.executable, robot, stage.endpoint, name, log, str(1.0 + number)], wire)
+    stage.robrain("fleet", "vda5050", "fleet", "--broker", f"127.0.0.1:{stage.port}", "--version", version,
+                  "--connect", stage.endpoint, "--orders", str(stage.folder / "orders"))  # fmt: skip
+
+
 def run_fleet(orders: int, version: str, folder: Path, disturb_each: int) -> Outcome:
     """Have a master give orders to robots of a team."""
     with Stage(folder) as stage:
         stage.start_team()
         done_log = folder / "robots.log"
-        wire = subprocess.run([sys.executable, "-m", "robrain.cli", "wire", "--format", "jsonschema"],
-                              capture_output=True, text=True, check=True, cwd=ROOT).stdout  # fmt: skip
         names = [f"p{number}" for number in range(ROBOTS)]
-        robot = str(ROOT / "tests" / "deploy" / "vda5050" / "fast_robot.py")
         with connected(stage) as team:
-            for number, name in enumerate(names):
-                stage.start(name, [sys.executable, robot, stage.endpoint, name, str(done_log), str(1.0 + number)], wire)
-            stage.robrain("fleet", "vda5050", "fleet", "--broker", f"127.0.0.1:{stage.port}", "--version", version,
-                          "--connect", stage.endpoint, "--orders", str(folder / "orders"))  # fmt: skip
+            start_robots(stage, names, version)
             await_robots(team, ROBOTS)
             began_s, disturbances, shown = time.monotonic(), 0, 0
             words = [sys.executable, "-m", "tests.deploy.vda5050.master", str(stage.port), version, str(orders)]
