@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from robrain.client.submission import TaskFields
 from robrain.client.team import Team
 from robrain.deploy.command_line.options import make_folder
 from robrain.deploy.command_line.output import print_result
@@ -18,7 +19,7 @@ from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.mqtt_link import Broker, MqttLink, Packet
 from robrain.deploy.vda5050.robot_orders import KeptOrder, NodeTask, RobotOrders
 from robrain.protocol.clock import steps, to_ns
-from robrain.protocol.errors import CallError, NobodyThere, RobrainError
+from robrain.protocol.errors import CallError, ErrorCode, NobodyThere, RobrainError
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import (
     ROBOT_ALIVE,
@@ -28,6 +29,7 @@ from robrain.protocol.messages.robots.robot_messages import (
     RobotState,
 )
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
+from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.refusals import RefusalCode
@@ -113,28 +115,16 @@ class TeamCalls:
         self._halts.close()
 
     def _submit(self, task: NodeTask, robot: str) -> tuple[TaskState, str]:
-        after = [task.after] if task.after else []
-        try:
-            record = self._tasks.submit(
-                VISIT, id=task.id, place=task.place, service_s=task.service_s, needs=[robot], after=after
-            )
-        except CallError as error:  # the coordinator refuses it for good
-            return TaskState.FAILED, str(error)
-        return record.state, record.why
+        fields: TaskFields = {"id": task.id, "place": task.place, "service_s": task.service_s, "needs": [robot]}
+        fields["after"] = [task.after] if task.after else []
+        return _state_or(TaskState.FAILED, lambda: self._tasks.submit(VISIT, **fields))
 
     def _cancel(self, task_id: str) -> tuple[TaskState, str]:
-        try:
-            record = self._tasks.cancel(task_id, why="cancelOrder")
-        except CallError:
-            return self._get(task_id)
-        return record.state, record.why
+        state, why = _state_or(TaskState.QUEUED, lambda: self._tasks.cancel(task_id, why="cancelOrder"))
+        return self._get(task_id) if state is TaskState.QUEUED else (state, why)
 
     def _get(self, task_id: str) -> tuple[TaskState, str]:
-        try:
-            record = self._tasks.get(task_id)
-        except CallError as error:
-            return TaskState.CANCELLED, str(error)
-        return record.state, record.why
+        return _state_or(TaskState.CANCELLED, lambda: self._tasks.get(task_id))
 
     def _halt(self, robot: str, halted: bool) -> str:
         order = self._halts.halt if halted else self._halts.resume
@@ -142,6 +132,17 @@ class TeamCalls:
             return "; ".join(order(robot, by=BY).unconfirmed.values())
         except (CallError, NobodyThere) as error:
             return str(error)
+
+
+def _state_or(refused: TaskState, call: Callable[[], TaskRecord]) -> tuple[TaskState, str]:
+    """State of a task, or the given one if the coordinator refuses the call for good."""
+    try:
+        record = call()
+    except CallError as error:
+        if error.code not in (ErrorCode.REFUSED, ErrorCode.BAD_ARGUMENTS):
+            raise
+        return refused, str(error)
+    return record.state, record.why
 
 
 class RobotVehicle:
