@@ -171,7 +171,7 @@ class RobotVehicle:
         broken = {"connectionState": "CONNECTIONBROKEN" if vehicle.is_old else "CONNECTION_BROKEN"}
         will = Packet(vehicle.topic("connection"), vehicle.payload(broken, 0, wire.clock.now_ns()), 1, True)
         topics = [vehicle.topic("order"), vehicle.topic("instantActions")]
-        self._mqtt = MqttLink(broker, f"robrain-{vehicle.manufacturer}-{vehicle.serial}", topics, will)
+        self._mqtt = MqttLink(broker, f"robrain-{vehicle.manufacturer}-{vehicle.serial}", topics, wire.refusals, will)
 
     def step(self, now_ns: int) -> None:
         """Process messages, call the team, and publish."""

@@ -17,7 +17,6 @@ from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, Speed
 
-MESSAGE_MAX_BYTES = 1_048_576
 NODES_MAX = 1000
 """Nodes of an order, and of one with its updates."""
 ID_MAX = 128
@@ -106,8 +105,6 @@ class Header(VdaStruct):
 
 def read(topic: str, payload: bytes, kind: type[B]) -> B:
     """Decode and check a message (BadVehicleMessage)."""
-    if len(payload) > MESSAGE_MAX_BYTES:
-        raise BadVehicleMessage(f"{topic}: expected at most {MESSAGE_MAX_BYTES} bytes, got {len(payload)}")
     try:
         msgspec.json.decode(payload, type=Header)
         return msgspec.json.decode(payload, type=kind)

@@ -10,8 +10,10 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from robrain.deploy.errors import UsageError
+from robrain.protocol.refusals import RefusalCode, Refusals
 
 INBOX_CAPACITY = 1024
+MESSAGE_MAX_BYTES = 1_048_576
 KEEPALIVE_S = 5
 RECONNECT_S = 1
 
@@ -47,18 +49,24 @@ class MqttLink:
         broker: where to connect; it may come later.
         client_id: the broker disconnects an earlier client of the same id.
         topics: to subscribe, each time that it connects.
+        refusals: counts messages that are too large, and those that have no room in the inbox.
         will: published by the broker when the connection breaks.
         will_delay_s: time in which a new connection of the same client prevents the will (MQTT 5); None for no delay.
 
     """
 
     def __init__(
-        self, broker: Broker, client_id: str, topics: Sequence[str], will: Packet, will_delay_s: int | None = None
+        self,
+        broker: Broker,
+        client_id: str,
+        topics: Sequence[str],
+        refusals: Refusals,
+        will: Packet,
+        will_delay_s: int | None = None,
     ) -> None:
-        self.dropped = 0
-        """Messages that had no room in the inbox."""
         self.connections = 0
         """Number of times that it has connected."""
+        self._refusals = refusals
         self._inbox: deque[Packet] = deque(maxlen=INBOX_CAPACITY)
         self._topics = [(topic, 1) for topic in topics]
         version = MQTTProtocolVersion.MQTTv311 if will_delay_s is None else MQTTProtocolVersion.MQTTv5
@@ -101,5 +109,10 @@ class MqttLink:
         self.connections += 1
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
-        self.dropped += len(self._inbox) == INBOX_CAPACITY
+        if len(message.payload) > MESSAGE_MAX_BYTES:
+            text = f"expected at most {MESSAGE_MAX_BYTES} bytes, got {len(message.payload)}"
+            self._refusals.record("vda5050", message.topic, RefusalCode.TOO_LARGE, text)
+            return
+        if len(self._inbox) == INBOX_CAPACITY:
+            self._refusals.record("vda5050", self._inbox[0].topic, RefusalCode.LOST, "the inbox is full")
         self._inbox.append(Packet(message.topic, bytes(message.payload), message.qos, message.retain))

@@ -11,7 +11,7 @@ from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
 from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, VehicleConnection, read
 from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink, Packet
 from robrain.deploy.vda5050.vehicle_robot import KINDS, VEHICLE, VehicleRobot, instant_action
-from robrain.protocol.clock import Clock, steps, to_ns
+from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots import host_messages, robot_messages
@@ -43,29 +43,21 @@ class VehicleLink:
         broker: where it is connected.
         client_id: of this master.
         robot: receives its states. Without a master, the broker cancels its order after `continues_for_s`.
-        clock: stamps messages.
-        refusals: counts messages that cannot be read.
+        wire: its clock stamps messages, and it counts those that cannot be read.
 
     """
 
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        broker: Broker,
-        client_id: str,
-        robot: VehicleRobot,
-        clock: Clock,
-        refusals: Refusals,
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, broker: Broker, client_id: str, robot: VehicleRobot, wire: Endpoint) -> None:
         self.is_online = False
         """Whether the vehicle is connected to the broker."""
-        self._vehicle, self._robot, self._clock, self._refusals = vehicle, robot, clock, refusals
+        self._vehicle, self._robot, self._clock, self._refusals = vehicle, robot, wire.clock, wire.refusals
+        now_ns = wire.clock.now_ns()
         self._header_ids: dict[str, int] = {}
-        cancel = instant_action("cancelOrder", f"will-{clock.now_ns()}")
-        will = Packet(vehicle.topic("instantActions"), vehicle.payload(cancel, 0, clock.now_ns()))
+        cancel = instant_action("cancelOrder", f"will-{now_ns}")
+        will = Packet(vehicle.topic("instantActions"), vehicle.payload(cancel, 0, now_ns))
         delay_s = max(0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S))
         topics = [vehicle.topic(name) for name in ("connection", "state")]
-        self._mqtt = MqttLink(broker, client_id, topics, will, delay_s)
+        self._mqtt = MqttLink(broker, client_id, topics, wire.refusals, will, delay_s)
 
     @property
     def is_present(self) -> bool:
@@ -237,7 +229,7 @@ def vehicle_command(
         if not claim.acquire(lambda text: print_message(f"{who}: {text}"), should_stop):
             return
         client_id = f"robrain-{team}-{name}"
-        link = VehicleLink(vehicle, broker, client_id, robot, wire.clock, wire.refusals)
+        link = VehicleLink(vehicle, broker, client_id, robot, wire)
         with closing(link):
             should_stop.ready()
             print_result(f"{who}: master of {vehicle.manufacturer}/{vehicle.serial} at {broker.host}:{broker.port}")

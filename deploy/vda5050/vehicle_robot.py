@@ -290,11 +290,11 @@ class VehicleRobot:
         if at is not None and self._place.map_id not in ("", at.map_id):
             lost = f"expected map {self._place.map_id}, got {at.map_id}"
             at = None
-        is_halted = self.latch.is_held
+        is_halted, moving = self.latch.is_held, vehicle.velocity or vda.Velocity()
         return RobotState(
             robot=self._name,
             pose=None if at is None else self._place.to_arena(at.x, at.y, at.theta),
-            velocity=_twist(vehicle),
+            velocity=Twist2D(moving.vx, moving.vy, moving.omega),
             radius_m=self._radius_m,
             battery=None
             if not power
@@ -410,11 +410,6 @@ def _stay_s(vehicle: State) -> float | None:
 def _faults(vehicle: State) -> str:
     """Errors with which the vehicle cannot continue its order, in words."""
     return "; ".join(error.words for error in vehicle.errors if error.error_level in STOPS)
-
-
-def _twist(vehicle: State) -> Twist2D:
-    velocity = vehicle.velocity
-    return Twist2D(velocity.vx, velocity.vy, velocity.omega) if velocity else Twist2D()
 
 
 # -- zones ------------------------------------------------------------------------------------------------------------
