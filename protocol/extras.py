@@ -10,6 +10,7 @@ PACKAGES = {
     "report": "matplotlib pandas",
     "parquet": "pyarrow",
     "metrics": "prometheus_client",
+    "vda5050": "paho",
     "sweep": "dask distributed",
     "foxglove": "foxglove",
     "ros2-native": "rosbags xxhash",

@@ -298,7 +298,8 @@ class TaskLifecycle:
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
                 return  # handled by `MoteMembers`
-            if record.changed_ns > now_ns:  # by the clock of a coordinator before this one
+            # By the clock of a coordinator before this one. A change of this step may be later than its `now_ns`.
+            if record.changed_ns > max(now_ns, self.wire.clock.now_ns()):
                 record = msgspec.structs.replace(record, changed_ns=self._begun_ns)
             if record.robot:
                 robot = self.roster.robots.get(record.robot)

@@ -81,7 +81,7 @@ class Robot:
         """Whether it continues without a coordinator, and allocates tasks with others."""
         if self.state is None:
             return self.before is not None and self.before.continues
-        return self.state.continues_for_s is not UNSET
+        return self.state.changes_received is not UNSET
 
     @property
     def changes_received(self) -> int:
@@ -217,7 +217,7 @@ class Roster:
         robot = self._robot(state.robot)
         robot.state = state
         robot.received_ns = now_ns
-        self.some_go_on = self.some_go_on or state.continues_for_s is not UNSET
+        self.some_go_on = self.some_go_on or state.changes_received is not UNSET
         self._up_at_ns = None
 
     def record_contact(self, name: str, now_ns: int, *, receives_coordinator: bool) -> None:

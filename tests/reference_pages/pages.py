@@ -14,7 +14,7 @@ from tests.reference_pages.robot_contract import robot_contract_page
 from tests.reference_pages.stock_plugins import stock_plugins_page
 
 DOCS = Path(__file__).parents[2] / "docs"
-GROUPS = ("task", "mission", "rule", "zone", "robot", "plugin", "journal", "pki", "ros2", "bench")
+GROUPS = ("task", "mission", "rule", "zone", "robot", "plugin", "journal", "pki", "ros2", "vda5050", "bench")
 """Groups of commands with a page of their own."""
 PAGES: dict[str, Callable[[], str]] = {
     "reference/commands.md": commands_page,

@@ -372,3 +372,16 @@ def test_only_a_held_task_that_is_called_off_before_its_turn_counts_as_refused(d
     assert cancelled("begun") is None
     desk.book.offered("offered", "r1")  # the robot's answer is still on its way
     assert cancelled("offered") is None
+
+
+def test_a_change_later_in_the_step_than_its_time_is_no_change_of_another_coordinator(desk: Desk) -> None:
+    step_ns = NOW_NS + to_ns(5.0)
+    desk.clock.advance_to(step_ns)
+    desk.add()
+    desk.say("r1")
+    desk.tasks.offer("t1", "r1", step_ns)
+    desk.mail.answer(0, TaskAnswer(accepted=True))
+    desk.clock.advance_to(step_ns + 1_000_000)
+    desk.tasks.process_answers(step_ns)
+    desk.tasks.settle(step_ns)
+    assert desk.stands() == (TaskState.RUNNING, "r1")

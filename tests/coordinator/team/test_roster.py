@@ -129,3 +129,14 @@ def test_robot_that_has_left_or_has_not_spoken_yet_is_not_stale(two):
     watch = StaleTopics(two)
     watch.check(to_ns(5.0))
     assert [found.sender for found in watch.found] == ["r1"]
+
+
+def test_a_robot_that_only_finishes_its_task_alone_does_not_allocate_with_others():
+    roster = Roster()
+    comes(roster, "v1")
+    roster.record_state(RobotState(robot="v1", continues_for_s=30.0), to_ns(1.0))
+    assert not roster.some_go_on
+    assert not roster.robots["v1"].continues
+    assert roster.continues_for_s() == 30.0
+    roster.record_state(RobotState(robot="v1", continues_for_s=30.0, changes_received=1), to_ns(2.0))
+    assert roster.robots["v1"].continues

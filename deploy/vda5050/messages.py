@@ -1,0 +1,343 @@
+"""Messages of VDA 5050 in the versions 2.1.0 and 3.0.0, as structs with ranges.
+
+A field that only one of the versions has, or that has another name there, is absent in messages of the other version.
+The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or writes; others are ignored.
+"""
+
+import datetime
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from robrain.protocol.clock import to_seconds
+from robrain.protocol.errors import RobrainError
+from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.ranges import Metres, Radians, Speed
+
+NODES_MAX = 1000
+"""Nodes of an order, and of one with its updates."""
+ID_MAX = 128
+"""Characters of an id."""
+Id = Annotated[str, Meta(max_length=ID_MAX)]
+Prose = Annotated[str, Meta(max_length=4096)]
+Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
+Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
+Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
+B = TypeVar("B", bound="VdaStruct")
+
+
+class BadVehicleMessage(RobrainError):
+    """A message of MQTT that cannot be read; the text names topic and key."""
+
+
+class Version(StrEnum):
+    """A version of VDA 5050."""
+
+    V2_1 = "2.1.0"
+    V3_0 = "3.0.0"
+
+    @property
+    def interface(self) -> str:
+        """First levels of the suggested topics."""
+        return "uagv/v2" if self is Version.V2_1 else "vda5050/v3"
+
+
+class Vehicle(NamedTuple):
+    """Address of a vehicle on MQTT, and its map."""
+
+    version: Version
+    manufacturer: str
+    serial: str
+    map_id: str
+    T_arena_map: Pose2D
+
+    @property
+    def is_old(self) -> bool:
+        """Whether it speaks version 2, in which many names are shorter."""
+        return self.version is Version.V2_1
+
+    def to_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the map in the arena frame."""
+        return self.T_arena_map.compose(Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)))
+
+    def from_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
+        """A pose of the arena frame in the map's."""
+        return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))
+
+    def topic(self, name: str) -> str:
+        """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
+        return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
+
+    def payload(self, body: Mapping[str, Any], header_id: int, now_ns: int) -> bytes:
+        """A message with the protocol header."""
+        header = {
+            "headerId": header_id % 2**32,
+            "timestamp": timestamp(now_ns),
+            "version": self.version,
+            "manufacturer": self.manufacturer,
+            "serialNumber": self.serial,
+        }
+        return msgspec.json.encode({**header, **body})
+
+
+def timestamp(now_ns: int) -> str:
+    """A stamp of the live clock in the form of the standard."""
+    stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
+    return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+class VdaStruct(msgspec.Struct, rename="camel"):
+    """A message without its header, or a part of one."""
+
+
+class Header(VdaStruct):
+    """The protocol header."""
+
+    header_id: Number
+    timestamp: Annotated[str, Meta(max_length=64)]
+    version: Id
+    manufacturer: Id
+    serial_number: Id
+
+
+def read(topic: str, payload: bytes, kind: type[B]) -> B:
+    """Decode and check a message (BadVehicleMessage)."""
+    try:
+        msgspec.json.decode(payload, type=Header)
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadVehicleMessage(f"{topic}: {error}") from error
+
+
+# -- orders and actions -----------------------------------------------------------------------------------------------
+
+
+BlockingType = Literal["NONE", "SOFT", "SINGLE", "HARD"]
+"""Whether an action allows driving and other actions."""
+ActionStatus = Literal["WAITING", "INITIALIZING", "RUNNING", "PAUSED", "RETRIABLE", "FINISHED", "FAILED"]
+ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
+"""The states of an action that nothing follows."""
+
+
+class ActionParameter(VdaStruct):
+    """Parameter of an action."""
+
+    key: Id
+    value: Any
+
+
+class OrderAction(VdaStruct):
+    """An action of a node or an edge, or an instant action."""
+
+    action_type: Id
+    action_id: Id
+    blocking_type: BlockingType
+    action_parameters: Annotated[list[ActionParameter], Meta(max_length=64)] | UnsetType = UNSET
+
+    def parameter(self, key: str) -> Any:
+        """Value of a parameter; None without one."""
+        return next((one.value for one in self.action_parameters or () if one.key == key), None)
+
+
+Actions = Annotated[list[OrderAction], Meta(max_length=64)]
+
+
+Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
+"""Allowed distance from a node, metres; in version 3 an ellipse with half axes `a` and `b`."""
+
+
+class NodePosition(VdaStruct):
+    """Place of a node, in the map's frame: metres and radians."""
+
+    x: Metres
+    y: Metres
+    map_id: Id
+    theta: Radians | UnsetType = UNSET
+    allowed_deviation: Deviation | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
+
+    @property
+    def deviation_m(self) -> float:
+        """Allowed distance from the node; 0 if none is given."""
+        allowed = self.allowed_deviation
+        return min(allowed.get("a", 0.0), allowed.get("b", 0.0)) if isinstance(allowed, dict) else allowed or 0.0
+
+
+class OrderNode(VdaStruct):
+    """A node of an order."""
+
+    node_id: Id
+    sequence_id: Number
+    released: bool
+    actions: Actions
+    node_position: NodePosition | UnsetType = UNSET
+
+
+class OrderEdge(VdaStruct):
+    """An edge of an order."""
+
+    edge_id: Id
+    sequence_id: Number
+    released: bool
+    actions: Actions
+
+
+class VehicleOrder(VdaStruct):
+    """An order, or an update of one."""
+
+    order_id: Id
+    order_update_id: Number
+    nodes: Annotated[list[OrderNode], Meta(min_length=1, max_length=NODES_MAX)]
+    edges: Annotated[list[OrderEdge], Meta(max_length=NODES_MAX)]
+
+
+class InstantActions(VdaStruct):
+    """Actions for now."""
+
+    actions: Actions
+
+
+# -- state ------------------------------------------------------------------------------------------------------------
+
+
+OperatingMode = Literal[
+    "STARTUP", "AUTOMATIC", "SEMIAUTOMATIC", "INTERVENED", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"
+]
+"""Control over a vehicle: by its master, or by a person."""
+ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
+ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
+
+
+class Reference(VdaStruct):
+    """The cause of an error."""
+
+    reference_key: Id
+    reference_value: Prose
+
+
+class VehicleError(VdaStruct):
+    """An error that a vehicle reports."""
+
+    error_type: Id
+    error_level: ErrorLevel
+    error_description: Prose | UnsetType = UNSET
+    error_references: Annotated[list[Reference], Meta(max_length=64)] | UnsetType = UNSET
+
+    def refers_to(self, key: str, value: str) -> bool:
+        """Whether a reference is the given one."""
+        return any((one.reference_key, one.reference_value) == (key, value) for one in self.error_references or ())
+
+    @property
+    def words(self) -> str:
+        """The error in one line."""
+        return f"{self.error_type}: {self.error_description}" if self.error_description else self.error_type
+
+
+class ActionState(VdaStruct):
+    """State of an action."""
+
+    action_id: Id
+    action_status: ActionStatus
+    action_type: Id | UnsetType = UNSET
+
+
+class NodeState(VdaStruct):
+    """A node that the vehicle has yet to reach."""
+
+    node_id: Id
+    sequence_id: Number
+    node_position: NodePosition | UnsetType = UNSET
+
+
+class Position(VdaStruct):
+    """Position of a vehicle: metres and radians, map frame."""
+
+    x: Metres
+    y: Metres
+    theta: Radians
+    map_id: Id
+    position_initialized: bool | UnsetType = UNSET
+    localized: bool | UnsetType = UNSET
+
+
+class Velocity(VdaStruct):
+    """Velocity of a vehicle, in its frame."""
+
+    vx: Speed = 0.0
+    vy: Speed = 0.0
+    omega: Speed = 0.0
+
+
+class VehiclePower(VdaStruct):
+    """Battery of a vehicle: `stateOfCharge` is `batteryCharge` in version 2."""
+
+    charging: bool
+    battery_charge: Percent | UnsetType = UNSET
+    state_of_charge: Percent | UnsetType = UNSET
+    battery_voltage: Amount | UnsetType = UNSET
+    battery_current: Amount | UnsetType = UNSET
+
+
+class Waypoint(VdaStruct):
+    """A point of the path that a vehicle follows next."""
+
+    x: Metres
+    y: Metres
+
+
+class Polyline(VdaStruct):
+    """The path that a vehicle follows next."""
+
+    polyline: Annotated[list[Waypoint], Meta(max_length=10_000)]
+
+
+class ZoneSetState(VdaStruct):
+    """A zone set on a vehicle."""
+
+    zone_set_id: Id
+    zone_set_status: Id
+
+
+class State(VdaStruct):
+    """State of a vehicle."""
+
+    order_id: Id
+    order_update_id: Number
+    last_node_id: Id
+    last_node_sequence_id: Number
+    node_states: Annotated[list[NodeState], Meta(max_length=NODES_MAX)]
+    edge_states: Annotated[list[dict[str, Any]], Meta(max_length=NODES_MAX)]
+    driving: bool
+    operating_mode: OperatingMode
+    action_states: Annotated[list[ActionState], Meta(max_length=10_000)]
+    errors: Annotated[list[VehicleError], Meta(max_length=256)]
+    paused: bool | UnsetType = UNSET
+    instant_action_states: Annotated[list[ActionState], Meta(max_length=10_000)] | UnsetType = UNSET
+    velocity: Velocity | UnsetType = UNSET
+    agv_position: Position | UnsetType = UNSET
+    mobile_robot_position: Position | UnsetType = UNSET
+    battery_state: VehiclePower | UnsetType = UNSET
+    power_supply: VehiclePower | UnsetType = UNSET
+    intermediate_path: Polyline | UnsetType = UNSET
+    zone_sets: Annotated[list[ZoneSetState], Meta(max_length=64)] | UnsetType = UNSET
+
+    @property
+    def position(self) -> Position | None:
+        """Where the vehicle is; None if it does not know."""
+        found = self.mobile_robot_position or self.agv_position
+        return found if found and (found.localized or found.position_initialized) else None
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it does no order, also none whose actions still run."""
+        return not (self.node_states or self.edge_states) and all(
+            one.action_status in ENDED for one in self.action_states
+        )
+
+
+class VehicleConnection(VdaStruct):
+    """A vehicle's connection to the broker."""
+
+    connection_state: ConnectionState

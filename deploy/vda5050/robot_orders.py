@@ -1,0 +1,364 @@
+"""Orders of a VDA 5050 master for one robot: each released node becomes a task. Pure: states are passed in.
+
+The ids of tasks follow from the robot, the order and the node's sequence id. So the same order gives the same tasks
+after a restart, and the coordinator's journal has their states.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import msgspec
+
+from robrain.deploy.vda5050 import messages as vda
+from robrain.protocol.messages.robots.robot_messages import RobotState
+from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.tasks.task import TaskState
+
+ERROR_TYPES_2 = {
+    "VALIDATION_FAILURE": "validationError",
+    "NO_CONTINUATION": "orderUpdateError",
+    "OUTDATED_ORDER_UPDATE": "orderUpdateError",
+    "ORDER_UPDATE_FOLLOWING_CANCEL": "orderUpdateError",
+    "OTHER_ORDER_ACTIVE": "orderUpdateError",
+    "NO_ORDER_TO_CANCEL": "noOrderToCancel",
+    "NODE_UNREACHABLE": "nodeUnreachable",
+    "INVALID_INSTANT_ACTION": "instantActionError",
+}
+"""Error types of version 2, by those of version 3; all others are `orderError`."""
+ERROR_TYPES_3 = {"NO_CONTINUATION": "VALIDATION_FAILURE"}
+CRITICAL = ("UNSUPPORTED_PARAMETER", "NODE_UNREACHABLE")
+UNUSED_OF_EDGES = (
+    "trajectory", "corridor", "maxSpeed", "maximumSpeed", "maxHeight", "maximumMobileRobotHeight", "minHeight",
+    "minimumLoadHandlingDeviceHeight", "orientation", "direction", "maxRotationSpeed",
+)  # fmt: skip
+"""Optional fields of an edge that bind a vehicle, and that robots cannot obey."""
+WAIT = "wait"
+"""The action of a node that robots do: they stay for its parameter `duration`, seconds."""
+NEAR_M = 0.5
+"""A robot stands on a node within this distance, if the node does not allow more."""
+INSTANT_MAX = 32
+_NOT_A_NAME = re.compile(r"[^A-Za-z0-9_]")
+
+
+class KeptOrder(vda.VdaStruct):
+    """The current order with all its updates, as the gateway keeps it on disk."""
+
+    order_id: str = ""
+    order_update_id: int = 0
+    nodes: list[vda.OrderNode] = msgspec.field(default_factory=list)
+    edges: list[vda.OrderEdge] = msgspec.field(default_factory=list)
+    digest: str = ""
+    """Of the last update, which may arrive again."""
+    cancelled_by: list[str] = msgspec.field(default_factory=list)
+    """Ids of the actions that cancelled it."""
+
+
+class NodeTask(NamedTuple):
+    """The task of a node."""
+
+    id: str
+    node: vda.OrderNode
+    place: Point2D
+    service_s: float
+    after: str
+    """Id of the task of the node before; empty for the first."""
+
+
+class _Refused(Exception):
+    def __init__(self, kind: str, text: str) -> None:
+        super().__init__(text)
+        self.kind = kind
+
+
+class EdgesAsSent(vda.VdaStruct):
+    """The edges of an order with all fields."""
+
+    edges: list[dict[str, Any]]
+
+
+class RobotOrders:
+    """Handles orders and their cancellation by the rules of the standard.
+
+    Args:
+        vehicle: the robot's address; its serial number is the robot's name.
+        kept: the order from before a restart.
+
+    """
+
+    def __init__(self, vehicle: vda.Vehicle, kept: KeptOrder) -> None:
+        self.kept = kept
+        self.instant: dict[str, vda.ActionState] = {}
+        """Instant actions, the latest last."""
+        self._vehicle = vehicle
+        self._states: dict[str, TaskState] = {}
+        self._why: dict[str, str] = {}
+        self._rejections: list[vda.VehicleError] = []
+        self._update_tasks()
+
+    # -- the master's side --------------------------------------------------------------------------------------------
+
+    def handle_order(self, order: vda.VehicleOrder, payload: bytes, state: RobotState | None) -> bool:
+        """Accept or reject an order; whether the kept order has changed.
+
+        Args:
+            order: from the master.
+            payload: the message, which may have further fields.
+            state: of the robot; None if it is unknown.
+
+        """
+        content = msgspec.json.encode([order.nodes, order.edges])
+        digest = hashlib.sha256(content).hexdigest()
+        kept = self.kept
+        is_update = order.order_id == kept.order_id and bool(kept.nodes)
+        if is_update and (order.order_update_id, digest) == (kept.order_update_id, kept.digest):
+            return False
+        try:
+            self._check_form(order, payload)
+            base = self._continued(order) if is_update else self._begun(order, state)
+        except _Refused as error:
+            if error.kind != "SAME_ORDER_UPDATE_ID" or not self._vehicle.is_old:
+                references = {"orderId": order.order_id, "orderUpdateId": str(order.order_update_id)}
+                self._reject(error.kind, str(error), references)
+            return False
+        nodes, edges = [*base[0], *order.nodes], [*base[1], *order.edges]
+        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges, digest)
+        self._rejections.clear()
+        if not is_update:
+            self._states.clear()
+            self._why.clear()
+            self.instant = {key: one for key, one in self.instant.items() if one.action_status not in vda.ENDED}
+        self._update_tasks()
+        return True
+
+    def reject_payload(self, text: str) -> None:
+        """Report a message that cannot be read."""
+        self._reject("VALIDATION_FAILURE", text, {})
+
+    def cancel(self, action: vda.OrderAction) -> bool:
+        """Cancel the order; whether the kept order has changed."""
+        wanted = action.parameter("orderId")
+        if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
+            self._reject("NO_ORDER_TO_CANCEL", "there is no such order", {"actionId": action.action_id})
+            self.set_instant(action, "FAILED")
+            return False
+        self.kept.cancelled_by = [action.action_id]
+        self.set_instant(action, "RUNNING")
+        return True
+
+    def refuse_action(self, action: vda.OrderAction) -> None:
+        """Report an instant action that robots cannot do."""
+        text = f"no robot can {action.action_type}"
+        self._reject("INVALID_INSTANT_ACTION", text, {"actionId": action.action_id})
+        self.set_instant(action, "FAILED")
+
+    def set_instant(self, action: vda.OrderAction, status: vda.ActionStatus) -> None:
+        """Report the state of an instant action."""
+        self.instant[action.action_id] = vda.ActionState(action.action_id, status, action.action_type)
+        if len(self.instant) > INSTANT_MAX:
+            del self.instant[next(iter(self.instant))]
+
+    def _reject(self, kind: str, text: str, references: dict[str, str]) -> None:
+        self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
+
+    def _error(self, kind: str, text: str, references: dict[str, str]) -> vda.VehicleError:
+        is_old = self._vehicle.is_old
+        level: vda.ErrorLevel = "WARNING"
+        if kind in CRITICAL:
+            level = "CRITICAL"
+            if is_old:
+                level = "FATAL" if kind == "NODE_UNREACHABLE" else "WARNING"
+        name = ERROR_TYPES_2.get(kind, "orderError") if is_old else ERROR_TYPES_3.get(kind, kind)
+        found = [vda.Reference(key, value) for key, value in references.items()]
+        return vda.VehicleError(name, level, text[:4096], found)
+
+    def _check_form(self, order: vda.VehicleOrder, payload: bytes) -> None:
+        nodes, edges = order.nodes, order.edges
+        if len(edges) != len(nodes) - 1:
+            raise _Refused("VALIDATION_FAILURE", f"expected {len(nodes) - 1} edges, got {len(edges)}")
+        parts: list[vda.OrderNode | vda.OrderEdge] = [nodes[0]]
+        for edge, node in zip(edges, nodes[1:], strict=True):
+            parts += [edge, node]
+        first = nodes[0].sequence_id
+        if [part.sequence_id for part in parts] != list(range(first, first + len(parts))) or first % 2:
+            raise _Refused("VALIDATION_FAILURE", "expected sequence ids that count on")
+        released = [part.released for part in parts]
+        if not released[0] or sorted(released, reverse=True) != released or sum(released) % 2 == 0:
+            raise _Refused("VALIDATION_FAILURE", "expected released nodes and edges before all others")
+        for node in nodes:
+            if not node.node_position:
+                raise _Refused("VALIDATION_FAILURE", f"node {node.node_id}: expected nodePosition")
+            if node.node_position.theta is not msgspec.UNSET:
+                raise _Refused("UNSUPPORTED_PARAMETER", "order.nodes.nodePosition.theta: robots choose their heading")
+            if self._vehicle.map_id != node.node_position.map_id:
+                raise _Refused("UNKNOWN_MAP_ID", f"expected mapId {self._vehicle.map_id}")
+        for fields in msgspec.json.decode(payload, type=EdgesAsSent).edges:
+            for name in UNUSED_OF_EDGES:
+                if name in fields:
+                    raise _Refused("UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed")
+        for part in parts:
+            for action in part.actions:
+                if isinstance(part, vda.OrderEdge) or _wait_s(action) is None:
+                    raise _Refused("INVALID_ORDER_ACTION", f"action {action.action_id}: {action.action_type}")
+
+    def _continued(self, order: vda.VehicleOrder) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
+        """The base before the first node of an update."""
+        kept = self.kept
+        if order.order_update_id < kept.order_update_id:
+            raise _Refused("OUTDATED_ORDER_UPDATE", f"orderUpdateId is {kept.order_update_id} already")
+        if order.order_update_id == kept.order_update_id:
+            raise _Refused("SAME_ORDER_UPDATE_ID", "this orderUpdateId had another content")
+        if kept.cancelled_by:
+            raise _Refused("ORDER_UPDATE_FOLLOWING_CANCEL", "the order was cancelled")
+        base = [node for node in kept.nodes if node.released]
+        last, first = base[-1], order.nodes[0]
+        if (last.node_id, last.sequence_id) != (first.node_id, first.sequence_id):
+            raise _Refused("NO_CONTINUATION", f"expected node {last.node_id} with sequenceId {last.sequence_id} first")
+        if len(base) + len(order.nodes) > vda.NODES_MAX:
+            raise _Refused("INSUFFICIENT_MEMORY", f"expected at most {vda.NODES_MAX} nodes in an order")
+        return base[:-1], [edge for edge in kept.edges if edge.released]
+
+    def _begun(
+        self, order: vda.VehicleOrder, state: RobotState | None
+    ) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
+        """Nothing, for a new order that can begin."""
+        if not self.is_idle:
+            raise _Refused("OTHER_ORDER_ACTIVE", f"order {self.kept.order_id} is active")
+        if order.order_update_id or order.nodes[0].sequence_id:
+            raise _Refused("VALIDATION_FAILURE", "expected orderUpdateId 0 and sequenceId 0 of a new order")
+        if state is None or state.pose is None or state.lost:
+            raise _Refused("MOBILE_ROBOT_NOT_AVAILABLE", "the robot does not know its position")
+        at = order.nodes[0].node_position
+        assert at
+        away_m = self._vehicle.to_arena(at.x, at.y).distance_m(state.pose)
+        if away_m > max(at.deviation_m, NEAR_M):
+            raise _Refused("START_NODE_OUT_OF_RANGE", f"the robot is {away_m:.2f} m away from the first node")
+        return [], []
+
+    # -- the team's side ----------------------------------------------------------------------------------------------
+
+    def tasks(self) -> Iterator[NodeTask]:
+        """The tasks of the released nodes, in turn."""
+        yield from self._tasks.values()
+
+    def to_submit(self) -> Iterator[NodeTask]:
+        """Tasks whose state at the coordinator is not known."""
+        return (task for task in self.tasks() if task.id not in self._states)
+
+    def to_cancel(self) -> Iterator[NodeTask]:
+        """Tasks of a cancelled order that may not have ended."""
+        return (task for task in self.tasks() if not self._has_ended(task.id))
+
+    def open_task(self) -> NodeTask | None:
+        """The task of the next node; None if there is none."""
+        return next((task for task in self.tasks() if not self._has_ended(task.id)), None)
+
+    def record(self, task_id: str, state: TaskState, why: str) -> None:
+        """Record the state of a task; an end stays."""
+        if task_id in self._tasks and not self._has_ended(task_id):
+            self._states[task_id], self._why[task_id] = state, why
+
+    def finish_cancel(self) -> None:
+        """Report a cancellation as finished once all tasks have ended."""
+        for action_id in self.kept.cancelled_by:
+            if self.is_idle and self.instant.get(action_id, ACTION_BEFORE).action_status != "FINISHED":
+                self.instant[action_id] = vda.ActionState(action_id, "FINISHED", "cancelOrder")
+
+    def _has_ended(self, task_id: str) -> bool:
+        state = self._states.get(task_id)
+        return state is not None and state.ended
+
+    def _update_tasks(self) -> None:
+        self._tasks: dict[str, NodeTask] = {}
+        digest = hashlib.sha256(f"{self._vehicle.serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
+        name = f"{_NOT_A_NAME.sub('_', self.kept.order_id)[:32]}-{digest}"
+        before = ""
+        for node in self.kept.nodes:
+            service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
+            if not node.released or not node.node_position or (node.sequence_id == 0 and not service_s):
+                continue
+            pose = self._vehicle.to_arena(node.node_position.x, node.node_position.y)
+            task = NodeTask(f"{name}-{node.sequence_id}", node, Point2D(pose.x_m, pose.y_m), service_s, before)
+            self._tasks[task.id] = task
+            before = task.id
+
+    # -- state --------------------------------------------------------------------------------------------------------
+
+    @property
+    def reached(self) -> vda.OrderNode | None:
+        """The last node that the robot has reached; None before the first order."""
+        open_sequences = [
+            one.node.sequence_id for one in self.tasks() if self._states.get(one.id) is not TaskState.DONE
+        ]
+        first_open = min(open_sequences, default=2**32)
+        found = [node for node in self.kept.nodes if node.released and node.sequence_id < first_open]
+        return found[-1] if found else (self.kept.nodes[0] if self.kept.nodes else None)
+
+    @property
+    def remaining(self) -> list[vda.OrderNode]:
+        """The nodes that are still to be reached; none of a cancelled order whose tasks have ended."""
+        if self.kept.cancelled_by and all(self._has_ended(task.id) for task in self.tasks()):
+            return []
+        reached = self.reached
+        return [node for node in self.kept.nodes if reached is not None and node.sequence_id > reached.sequence_id]
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether a new order may begin."""
+        is_waiting = bool(self.kept.nodes) and self.open_task() is not None
+        return not self.remaining and not is_waiting
+
+    @property
+    def remaining_edges(self) -> list[vda.OrderEdge]:
+        """The edges that are still to be left."""
+        remaining = self.remaining
+        first = remaining[0].sequence_id - 1 if remaining else 2**32
+        return [edge for edge in self.kept.edges if edge.sequence_id >= first]
+
+    def action_states(self, pose: Pose2D | None) -> list[vda.ActionState]:
+        """States of the order's actions.
+
+        Args:
+            pose: of the robot, arena frame.
+
+        """
+        tasks = {task.node.sequence_id: task for task in self.tasks()}
+        found = []
+        for node in self.kept.nodes:
+            task = tasks.get(node.sequence_id)
+            state = None if task is None else self._states.get(task.id)
+            status: vda.ActionStatus = "WAITING"
+            if state is TaskState.DONE:
+                status = "FINISHED"
+            elif (state is not None and state.ended) or (self.kept.cancelled_by and not self.remaining):
+                status = "FAILED"
+            elif state is TaskState.RUNNING and task and pose and pose.distance_m(task.place) < NEAR_M:
+                status = "RUNNING"
+            found += [vda.ActionState(action.action_id, status, action.action_type) for action in node.actions]
+        return found
+
+    def errors(self) -> list[vda.VehicleError]:
+        """Rejections of messages, and nodes that were not reached."""
+        found = list(self._rejections)
+        for task in self.tasks():
+            if not self.kept.cancelled_by and self._states.get(task.id) in (TaskState.FAILED, TaskState.CANCELLED):
+                text = f"{task.node.node_id}: {self._why.get(task.id, '')}"
+                found.append(self._error("NODE_UNREACHABLE", text, {"nodeId": task.node.node_id}))
+                break
+        return found
+
+
+ACTION_BEFORE = vda.ActionState("", "WAITING")
+
+
+def _wait_s(action: vda.OrderAction) -> float | None:
+    """Duration of a wait; None for an action that robots cannot do."""
+    duration = action.parameter("duration")
+    if action.action_type != WAIT or action.blocking_type not in ("SOFT", "HARD"):
+        return None
+    try:
+        duration_s = float(duration)
+    except (TypeError, ValueError):
+        return None
+    return duration_s if 0.0 <= duration_s <= 86_400.0 else None
