@@ -57,7 +57,7 @@ class SearchParameters(NamedTuple):
 
     perturbation: PerturbationParams
     first_penalties: tuple[float, float, float]
-    """Penalties per unit of excess load, time and energy."""
+    """Penalties per unit of excess time and energy, and per mean load of a visit."""
     penalties: PenaltyParams
     history: int
     large_history: int
@@ -74,6 +74,9 @@ WARM = SearchParameters(
 COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
 """From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
 two sometimes finds a plan that the other does not."""
+PAIRED = WARM._replace(first_penalties=COLD.first_penalties, penalties=COLD.penalties, history=COLD.history)
+"""From a plan with pickups and deliveries. Where the makespan was to fall by 1 to 5 %, it took 4 to 185 iterations, and
+`WARM` 643 to 1,381 (20 pairs, two robots, three seeds)."""
 
 
 class VrpSearch:
@@ -86,6 +89,12 @@ class VrpSearch:
 
     def __init__(self, data: ProblemData) -> None:
         self._neighbours = compute_neighbours(data, NeighbourhoodParams(num_neighbours=NEIGHBOURS))
+        loads = [np.add(client.delivery, client.pickup) for client in data.clients()]
+        loads += [np.array(shipment.amount) for shipment in data.shipments()]
+        self._mean_loads = [
+            float(np.mean([one[dim] for one in loads if one[dim]] or [1])) for dim in range(data.num_load_dimensions)
+        ]
+        self._visits = data.num_clients + 2 * data.num_shipments
         self.longest_s = 0.0
         """Longest step seen, in seconds; a step cannot be interrupted."""
 
@@ -115,19 +124,19 @@ class VrpSearch:
 
         """
         generator = RandomNumberGenerator(seed=seed % 2**32)
-        chosen = WARM if start is not None else COLD
+        chosen = COLD if start is None else PAIRED if data.num_shipments else WARM
         local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(chosen.perturbation))
         for operator in OPERATORS:
             if operator.supports(data):
                 local_search.add_operator(operator(data))
         load, time, energy = chosen.first_penalties
-        penalties = PenaltyManager(([load] * data.num_load_dimensions, time, energy), chosen.penalties)
+        penalties = PenaltyManager(([load / mean for mean in self._mean_loads], time, energy), chosen.penalties)
         if start is None:
             start = local_search(Solution.make_random(data, generator), penalties.max_cost_evaluator(), exhaustive=True)
         watch = _Limits(self, effort, end_left_s, iterations, patience, is_enough)
         parameters = IteratedLocalSearchParams(
-            history_length=chosen.history if data.num_clients < LARGE else chosen.large_history,
-            exhaustive_on_best=data.num_clients < LARGE,
+            history_length=chosen.history if self._visits < LARGE else chosen.large_history,
+            exhaustive_on_best=self._visits < LARGE,
             callbacks=watch,
         )
         search = IteratedLocalSearch(data, penalties, local_search, start, parameters)
