@@ -73,10 +73,7 @@ WARM = SearchParameters(
 """From a plan: large steps, and small violations are soon tolerated."""
 COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
 """From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
-two sometimes finds a plan that the other does not."""
-PAIRED = WARM._replace(first_penalties=COLD.first_penalties, penalties=COLD.penalties, history=COLD.history)
-"""From a plan with pickups and deliveries. Where the makespan was to fall by 1 to 5 %, it took 4 to 185 iterations, and
-`WARM` 643 to 1,381 (20 pairs, two robots, three seeds)."""
+two sometimes finds a plan that the other does not. With loads, these are better from a plan too."""
 
 
 class VrpSearch:
@@ -94,6 +91,8 @@ class VrpSearch:
         self._mean_loads = [
             float(np.mean([one[dim] for one in loads if one[dim]] or [1])) for dim in range(data.num_load_dimensions)
         ]
+        self._has_loads = data.num_shipments > 0 or any(sum(client.pickup) for client in data.clients())
+        self.patience_per_visit = LOADS_PATIENCE_PER_VISIT if self._has_loads else PATIENCE_PER_VISIT
         self._visits = data.num_clients + 2 * data.num_shipments
         self.longest_s = 0.0
         """Longest step seen, in seconds; a step cannot be interrupted."""
@@ -124,7 +123,7 @@ class VrpSearch:
 
         """
         generator = RandomNumberGenerator(seed=seed % 2**32)
-        chosen = COLD if start is None else PAIRED if data.num_shipments else WARM
+        chosen = COLD if start is None or self._has_loads else WARM
         local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(chosen.perturbation))
         for operator in OPERATORS:
             if operator.supports(data):
@@ -197,6 +196,7 @@ STEP = 0.1
 LEAST_STEP = 0.005
 PATIENCE = 100
 PATIENCE_PER_VISIT = 6
+LOADS_PATIENCE_PER_VISIT = 40
 """Iterations without improvement after which a search ends. Found by experiment: late acceptance is then stuck."""
 FRUITLESS = 12
 """Consecutive searches without improvement after which the search gives up."""
@@ -341,7 +341,7 @@ class _Improvement:
             None if is_random else start,
             effort,
             self._seed + 1000 * self._searches,
-            patience=PATIENCE + PATIENCE_PER_VISIT * len(windows.rows),
+            patience=PATIENCE + search.patience_per_visit * len(windows.rows),
             end_left_s=max(self._check_s, effort.left_s * (1 - share)) if math.isfinite(effort.left_s) else 0.0,
             iterations=math.ceil(effort.left_iterations * share) if math.isfinite(effort.left_iterations) else math.inf,
             is_enough=(lambda solution: solution.uncollected_prizes() <= lost) if is_limited else None,

@@ -1,7 +1,8 @@
 """A problem as a PyVRP model: visits are clients, workers are vehicle types, energy is distance.
 
-Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance. Distances are
-joules and durations are seconds, both as integers: a median path has `J_UNITS` and `S_UNITS`.
+Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance; workers that are
+equal in everything are one type of several vehicles. Distances are joules and durations are seconds, both as integers:
+a median path has `J_UNITS` and `S_UNITS`.
 
 Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules.
 A plan at its exact limit may be missed, by 1e-4 of a median path per stop. Times are rounded down, so that a plan's own
@@ -107,7 +108,15 @@ class VrpModel:
     ) -> None:
         self._team, self._load_kg = arrays.team, visits.load_kg
         self._count = len(visits.job)
-        self._workers = [worker for worker in range(len(problem.workers)) if arrays.team.usable_j[worker] >= 0]
+        equal: dict[tuple[object, ...], list[int]] = {}
+        for index, worker in enumerate(problem.workers):
+            if arrays.team.usable_j[index] >= 0:
+                state = (float(each[index]) for each in (arrays.team.start, arrays.team.ready_s, arrays.team.usable_j))
+                limits = worker.capacity_kg, float(arrays.team.load_kg[index]), visits.allowed[index].tobytes()
+                equal.setdefault((worker.profile, worker.ends, *state, *limits), []).append(index)
+        self._equal = list(equal.values())
+        """Indices of the workers of each vehicle type."""
+        self._workers = [workers[0] for workers in self._equal]
         rows = [(int(arrays.team.profile[worker]), visits.allowed[worker].tobytes()) for worker in self._workers]
         kinds = sorted(set(rows))
         is_by_routes = len(kinds) * (self._count + len(self._workers)) ** 2 <= MOST_CELLS
@@ -145,16 +154,17 @@ class VrpModel:
 
     def solution(self, data: ProblemData, orders: Sequence[Sequence[int]]) -> Solution:
         """A solution from each worker's visits in order."""
-        types = {worker: index for index, worker in enumerate(self._workers)}
+        types = {worker: index for index, workers in enumerate(self._equal) for worker in workers}
         routes = [([self._activities[visit] for visit in order], types[w]) for w, order in enumerate(orders) if order]
         return Solution(data, [Route(data, activities, vehicle_type) for activities, vehicle_type in routes])
 
     def orders(self, solution: Solution) -> list[list[int]]:
         """Each worker's visits in order."""
         orders: list[list[int]] = [[] for _ in self._end_of]
+        free = [iter(workers) for workers in self._equal]
         for route in solution.routes():
             visits = [self._visit_of.get((activity.type, activity.idx)) for activity in route]
-            orders[self._workers[route.vehicle_type()]] = [visit for visit in visits if visit is not None]
+            orders[next(free[route.vehicle_type()])] = [visit for visit in visits if visit is not None]
         return orders
 
     def _end_index(self, problem: Problem, worker: int) -> int:
@@ -245,6 +255,7 @@ class VrpModel:
                 carried.append(_grams(max(0.0, start_kg + float(singles[singles < 0].sum()))))
             vehicles.append(
                 VehicleType(
+                    num_available=len(self._equal[index]),
                     capacity=capacity,
                     initial_load=carried,
                     start_depot=index,

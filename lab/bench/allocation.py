@@ -22,7 +22,8 @@ SUFFIXES = (".txt", ".vrp")
 class AllocationCase(msgspec.Struct, frozen=True, kw_only=True):
     """One instance, and the CPU time for it."""
 
-    instance: Path
+    instance: str
+    """Path of its file."""
     seconds: float
     seed: int
 
@@ -44,7 +45,7 @@ def choose(paths: Sequence[Path], seconds: float, seed: int) -> BenchPlan[Alloca
         for path in paths
         for file in (sorted(one for one in path.iterdir() if one.suffix in SUFFIXES) if path.is_dir() else [path])
     ]
-    return BenchPlan(cases=[AllocationCase(instance=file, seconds=seconds, seed=seed) for file in files], jobs=1)
+    return BenchPlan(cases=[AllocationCase(instance=str(file), seconds=seconds, seed=seed) for file in files], jobs=1)
 
 
 def run_bench(plan: BenchPlan[AllocationCase], json_file: Path | None = None) -> None:
@@ -54,7 +55,7 @@ def run_bench(plan: BenchPlan[AllocationCase], json_file: Path | None = None) ->
 
 def run_case(case: AllocationCase) -> AllocationRun:
     """Solve one instance twice (InstanceError if it cannot be read)."""
-    instance = read_public(case.instance)
+    instance = read_public(Path(case.instance))
     allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
     robrain = solve_public(instance, allocator, deadline_s=case.seconds, seed=case.seed)
     return AllocationRun(

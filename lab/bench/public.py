@@ -1,7 +1,7 @@
 """Public vehicle-routing instances, solved through the allocators' own model and by PyVRP alone.
 
 A customer becomes a job, a vehicle a robot that starts and ends at the depot, distance energy; with time windows,
-distance is time too. A pair of pickup and delivery becomes two jobs of one robot. The formats are told apart by content:
+distance is time too. A pair of pickup and delivery becomes two jobs of one robot. Formats are told apart by content:
 VRPLIB (https://github.com/PyVRP/VRPLIB), Solomon with Gehring and Homberger, and Li and Lim.
 """
 
@@ -153,8 +153,10 @@ def solve_alone(instance: PublicInstance, *, deadline_s: float, seed: int = 0) -
     steps = {index: _step(problem.jobs[index], scale) for index in range(len(problem.jobs))}
     amounts = {index: [round(abs(job.load_kg) * scale)] for index, job in enumerate(problem.jobs)}
     capacity = min(worker.capacity_kg, sum(abs(job.load_kg) for job in problem.jobs))
-    limit = {} if worker.usable_j > distances.sum() / scale else {"max_distance": math.floor(worker.usable_j * scale)}
-    end = {"tw_late": math.floor(problem.horizon_s * scale)} if math.isfinite(problem.horizon_s) else {}
+    limit: dict[str, Any] = (
+        {} if worker.usable_j > distances.sum() / scale else {"max_distance": math.floor(worker.usable_j * scale)}
+    )
+    end: dict[str, Any] = {"tw_late": math.floor(problem.horizon_s * scale)} if math.isfinite(problem.horizon_s) else {}
     data = pyvrp.ProblemData(
         [pyvrp.Location(0, 0) for _ in distances],
         [pyvrp.Client(problem.jobs[index].place, pickup=amounts[index], **steps[index]) for index in singles],
@@ -191,7 +193,7 @@ def solve_alone(instance: PublicInstance, *, deadline_s: float, seed: int = 0) -
     return _result(instance, plan)
 
 
-def _step(job: Job, scale: int) -> dict[str, int]:
+def _step(job: Job, scale: int) -> dict[str, Any]:
     latest_s = job.latest_s - job.service_s
     window = {"tw_late": math.floor(latest_s * scale + 1e-6)} if math.isfinite(latest_s) else {}
     return {"tw_early": math.ceil(job.earliest_s * scale), "service_duration": round(job.service_s * scale), **window}
