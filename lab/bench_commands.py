@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from robrain.deploy.command_line.command_group import SIMULATE
-from robrain.deploy.command_line.options import JsonOption, NearOption
-from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.command_line.options import NearOption
 
 bench_app = typer.Typer(
     rich_help_panel=SIMULATE,
@@ -33,40 +32,18 @@ JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs 
 
 @bench_app.command()
 def allocation(
-    instance: Annotated[Path, typer.Option(help="The public instance: VRPLIB .vrp, or Solomon .txt.")],
-    best: Annotated[
-        float | None, typer.Option(help="Best known value; default: the Cost of the .sol file beside the instance.")
-    ] = None,
-    seconds: Annotated[float, typer.Option(help="Seconds of CPU time for the search.")] = 5.0,
+    instances: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER|FILES", help="Public instances: VRPLIB, Solomon, Homberger, or Li and Lim."),
+    ],
+    seconds: Annotated[float, typer.Option(help="Seconds of CPU time for each search.")] = 5.0,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
-    as_json: JsonOption = False,
+    json_file: JsonFileOption = None,
 ) -> None:
-    """Measure the gap of task allocation to the best known solution of a public routing instance."""
-    import time
+    """Measure the gap of task allocation to best known solutions of public routing instances, beside PyVRP alone."""
+    from robrain.lab.bench.allocation import choose, run_bench
 
-    from robrain.algorithms.allocation.optimal import OptimalAllocator
-    from robrain.algorithms.allocation.problem import Objective
-    from robrain.algorithms.allocation.warm_up import warm_up
-    from robrain.deploy.errors import UsageError
-    from robrain.lab.bench.public import read_best, read_public, solve_public
-
-    if seconds <= 0:
-        raise UsageError(f"--seconds {seconds:g}: expected a number above 0")
-    if best is not None and best <= 0:
-        raise UsageError(f"--best {best:g}: expected a number above 0")
-    public = read_public(instance)
-    known = best if best is not None else read_best(instance)
-    warm_up()
-    allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
-    result = solve_public(public, allocator, known, deadline_s=seconds, seed=seed)
-    if as_json:
-        print_json(result)
-        return
-    gap = "" if result.gap is None else f", gap {100 * result.gap:.2f} %"
-    print_result(f"{result.instance}: {result.customers} customers, {result.vehicles} vehicles used")
-    print_result(f"value {result.value:g}, best known {'–' if known is None else f'{known:g}'}{gap}")
-    if result.remark:
-        print_result(f"note: {result.remark}")
+    run_bench(choose(instances, seconds, seed), json_file)
 
 
 @bench_app.command()

@@ -21,9 +21,12 @@ from robrain.algorithms.allocation.insertion import (
     BY_LEAST_LEFT,
     RouteBatch,
     cheapest_insertion,
+    cheapest_pair,
     empty_routes,
     insert,
     insertion_at,
+    is_load,
+    position_of,
     refresh,
     remove,
 )
@@ -80,7 +83,7 @@ def _may(problem: Problem, worker: Worker, name: str) -> bool:
 
 
 def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
-    """Remove jobs with too few robots, or with a predecessor that no robot does; in place."""
+    """Remove jobs with too few robots, a predecessor that no robot does, or half a pair; in place."""
     while True:
         count: dict[str, int] = {}
         for order in orders:
@@ -92,6 +95,10 @@ def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
             if robots != (job := problem.jobs[problem.job_index[name]]).robots
             or any(other not in count for other in problem.predecessors(job))
         }
+        for pickup, delivery in problem.deliveries.items():
+            pair = problem.jobs[pickup].id, problem.jobs[delivery].id
+            if not any(set(pair) <= set(order) and order.index(pair[0]) < order.index(pair[1]) for order in orders):
+                bad |= set(pair) & set(count)
         if not bad:
             return
         orders[:] = [[name for name in order if name not in bad] for order in orders]
@@ -100,10 +107,14 @@ def _drop_incomplete(problem: Problem, orders: list[list[str]]) -> None:
 def _misfit(problem: Problem, worker: Worker, route: Route) -> str:
     """Return a job of the route to leave out; empty if the route is feasible.
 
-    This is the first job that is too late or, if energy or horizon do not suffice, the job that saves most per prize.
+    This is the first job that is too late or brings a load that the robot cannot carry. If energy or horizon do not
+    suffice, it is the job that saves most per prize.
     """
+    load_kg = worker.load_kg
     for stop in route.stops:
-        if stop.end_s > problem.jobs[problem.job_index[stop.job]].latest_s + SLACK:
+        job = problem.jobs[problem.job_index[stop.job]]
+        load_kg += job.load_kg
+        if stop.end_s > job.latest_s + SLACK or not -SLACK <= load_kg <= worker.capacity_kg + SLACK:
             return stop.job
     if not route.stops or (route.left_j >= -SLACK and route.end_s <= problem.horizon_s + SLACK):
         return ""
@@ -177,6 +188,8 @@ class AuctionAllocator:
         if self.objective is Objective.ENERGY:
             coupled = _indispensable(problem)
             kept = np.array([int(job) in coupled for job in visits.job], np.bool_)
+            pickups = visits.delivery >= 0
+            kept[pickups] |= kept[visits.delivery[pickups]]
             drop_unprofitable(team, visits, routes, open_visits, kept)
             hold_auction(team, visits, routes, open_visits, rule, choice)
             drop_unprofitable(team, visits, routes, open_visits, kept)
@@ -238,19 +251,25 @@ def hold_auction(
 ) -> None:
     """Assign one visit per round until no bid remains; changes `routes` and `open_visits` in place.
 
-    Each worker bids the cost of its cheapest insertion for each open visit, and one bid wins. Only the winner's bids
-    change afterwards. Under the energy rule no bid exceeds the prize.
+    Each worker bids the cost of its cheapest insertion for each open visit, and one bid wins. A pickup stands for its
+    delivery too. Only the winner's bids change afterwards. Under the energy rule no bid exceeds the prize.
     """
     workers, count = visits.allowed.shape
     bids = np.full((workers, count), math.inf)
     more_j = np.full((workers, count), math.inf)
     positions = np.full((workers, count), -1)
+    later = np.full((workers, count), -1)
     best = np.full(count, -1)
     for visit in range(count):
+        open_visits[visit] = open_visits[visit] and visits.pickup[visit] < 0
         if open_visits[visit]:
             for worker in range(workers):
-                found = cheapest_insertion(team, visits, routes, worker, visit, rule)
-                bids[worker, visit], more_j[worker, visit], positions[worker, visit] = found
+                if visits.delivery[visit] >= 0:
+                    pair = cheapest_pair(team, visits, routes, worker, visit, rule, 0)
+                    bids[worker, visit], more_j[worker, visit], positions[worker, visit], later[worker, visit] = pair
+                else:
+                    found = cheapest_insertion(team, visits, routes, worker, visit, rule)
+                    bids[worker, visit], more_j[worker, visit], positions[worker, visit] = found
             best[visit] = _best_worker(bids, more_j, visit)
     while True:
         winner = -1
@@ -272,11 +291,19 @@ def hold_auction(
         taker = best[winner]
         inserted_at = positions[taker, winner]
         insert(team, visits, routes, taker, winner, inserted_at)
+        if visits.delivery[winner] >= 0:
+            insert(team, visits, routes, taker, visits.delivery[winner], later[taker, winner])
         open_visits[winner] = False
         for visit in range(count):
             if not open_visits[visit]:
                 continue
-            if positions[taker, visit] >= 0:
+            if positions[taker, visit] >= 0 and visits.delivery[visit] >= 0:
+                pair = cheapest_pair(team, visits, routes, taker, visit, rule, 0)
+                bids[taker, visit], more_j[taker, visit], positions[taker, visit], later[taker, visit] = pair
+            elif positions[taker, visit] >= 0 and visits.delivery[winner] >= 0:
+                found = cheapest_insertion(team, visits, routes, taker, visit, rule)
+                bids[taker, visit], more_j[taker, visit], positions[taker, visit] = found
+            elif positions[taker, visit] >= 0:
                 found = _bid_again(team, visits, routes, taker, visit, rule, positions[taker, visit], inserted_at)
                 bids[taker, visit], more_j[taker, visit], positions[taker, visit] = found
             other = best[visit]
@@ -322,7 +349,7 @@ def drop_unprofitable(
 ) -> None:
     """Remove visits, and whole routes, that cost more than their prize.
 
-    Changes `routes` and `open_visits` in place; visits marked in `kept`, (V,), stay.
+    Changes `routes` and `open_visits` in place; visits marked in `kept`, (V,), stay. A delivery goes with its pickup.
     """
     for worker in range(len(routes.length)):
         while True:
@@ -330,17 +357,22 @@ def drop_unprofitable(
             worst, worst_j = -1, 1e-9
             for position in range(routes.length[worker]):
                 visit = routes.order[worker, position]
-                if kept[visit]:
+                if kept[visit] or visits.pickup[visit] >= 0:
                     continue
-                remove(team, visits, routes, worker, position)
+                later = _remove_with_delivery(team, visits, routes, worker, position)
                 saved_j = before_j - routes.spent_j[worker] - visits.prize_j[visit]
+                for index in range(routes.length[worker] + 1):
+                    if not is_load(team, worker, routes.load_kg[worker, index]):
+                        saved_j = 0.0  # a delivery before made room for what follows
+                if later >= 0:
+                    insert(team, visits, routes, worker, visits.delivery[visit], later)
                 insert(team, visits, routes, worker, visit, position)
                 if saved_j > worst_j:
                     worst, worst_j = position, saved_j
             if worst < 0:
                 break
             open_visits[routes.order[worker, worst]] = True
-            remove(team, visits, routes, worker, worst)
+            _remove_with_delivery(team, visits, routes, worker, worst)
         prize_j = 0.0
         for position in range(routes.length[worker]):
             visit = routes.order[worker, position]
@@ -350,6 +382,17 @@ def drop_unprofitable(
                 open_visits[routes.order[worker, position]] = True
             routes.length[worker] = 0
             refresh(team, visits, routes, worker)
+
+
+@njit(cache=True, nogil=True)
+def _remove_with_delivery(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, position: int) -> int:
+    """Remove a visit and its delivery; returns the position that the delivery had without the visit, −1 for none."""
+    delivery = visits.delivery[routes.order[worker, position]]
+    remove(team, visits, routes, worker, position)
+    later = position_of(routes, worker, delivery) if delivery >= 0 else -1
+    if later >= 0:
+        remove(team, visits, routes, worker, later)
+    return later
 
 
 @njit(cache=True, nogil=True)
@@ -377,7 +420,7 @@ def queue_nearest(
     """The greedy baseline: the worker that is free first takes the open visit that it reaches with least energy.
 
     The visit is appended to the route; a worker without a feasible visit drops out. Changes `routes` and `open_visits`
-    in place.
+    in place. A delivery follows its pickup at once.
     """
     workers, count = visits.allowed.shape
     is_in = np.ones(workers, np.bool_)
@@ -394,11 +437,17 @@ def queue_nearest(
         profile = team.profile[taker]
         place = team.start[taker] if length == 0 else visits.exit_place[routes.order[taker, length - 1]]
         for visit in range(count):
-            if not open_visits[visit] or not visits.allowed[taker, visit]:
+            if not open_visits[visit] or not visits.allowed[taker, visit] or visits.pickup[visit] >= 0:
                 continue
             here, leaves_from = visits.place[visit], visits.exit_place[visit]
             path_j = team.energy_j[profile, place, here] + visits.service_j[visit]
             if not path_j < least_j or (rule == BY_ENERGY and not path_j < visits.prize_j[visit]):
+                continue
+            if visits.delivery[visit] >= 0:
+                if cheapest_pair(team, visits, routes, taker, visit, BY_ENERGY, length)[0] < math.inf:
+                    winner, least_j = visit, path_j
+                continue
+            if not is_load(team, taker, routes.load_kg[taker, length] + visits.load_kg[visit]):
                 continue
             arrive_s = routes.leave_s[taker, length] + team.time_s[profile, place, here]
             start_s = max(arrive_s, visits.earliest_s[visit])
@@ -419,4 +468,6 @@ def queue_nearest(
             is_in[taker] = False
             continue
         insert(team, visits, routes, taker, winner, length)
+        if visits.delivery[winner] >= 0:
+            insert(team, visits, routes, taker, visits.delivery[winner], length + 1)
         open_visits[winner] = False

@@ -19,6 +19,7 @@ from robrain.algorithms.allocation.insertion import (
     BY_FINISH,
     RouteBatch,
     cheapest_insertion,
+    cheapest_pair,
     insert,
     refresh,
     remove,
@@ -57,7 +58,9 @@ def place_coupled(
             open_visits[visit] = False
     ends_s = _pinned_ends(problem, arrays)
     reason: dict[int, PlanReason | None] = {}
-    undecided = [index for index in waiting if visits_of[index]]
+    pairs = {pickup: delivery for pickup, delivery in problem.deliveries.items() if pickup in waiting}
+    pickup_of = {delivery: pickup for pickup, delivery in pairs.items()}
+    undecided = [index for index in waiting if visits_of[index] and index not in pickup_of]
     reason.update({index: arrays.refused[index] for index in waiting if index in arrays.refused})
     worth_j = _chain_worth(problem, waiting)
     while undecided:
@@ -65,8 +68,9 @@ def place_coupled(
             index
             for index in undecided
             if all(
-                (other := problem.job_index[name]) in ends_s or other in reason
-                for name in problem.predecessors(problem.jobs[index])
+                (other := problem.job_index[name]) in ends_s or other in reason or other == index
+                for job in ((index, pairs[index]) if index in pairs else (index,))
+                for name in problem.predecessors(problem.jobs[job])
             )
         ]
         if not ready:
@@ -74,15 +78,24 @@ def place_coupled(
             break
         index = ready[0] if rng is None else ready[int(rng.integers(len(ready)))]
         undecided.remove(index)
-        missing = [name for name in problem.predecessors(problem.jobs[index]) if problem.job_index[name] in reason]
+        jobs = (index, pairs[index]) if index in pairs else (index,)
+        before = [[problem.job_index[name] for name in problem.predecessors(problem.jobs[job])] for job in jobs]
+        missing = [other for others in before for other in others if other in reason]
         if missing:
-            reason[index] = after_undone(missing[0])
+            reason.update(dict.fromkeys(jobs, after_undone(problem.jobs[missing[0]].id)))
             continue
         visits = visits_of[index]
-        before_s = max(
-            (ends_s[problem.job_index[name]] for name in problem.predecessors(problem.jobs[index])), default=0
-        )
-        arrays.visits.earliest_s[visits] = np.maximum(arrays.visits.earliest_s[visits], before_s)
+        for job, others in zip(jobs, before, strict=True):
+            before_s = max((ends_s[other] for other in others if other != index), default=0)
+            arrays.visits.earliest_s[visits_of[job]] = np.maximum(arrays.visits.earliest_s[visits_of[job]], before_s)
+        if index in pairs:
+            is_waited_for = [bool(waiting[job]) for job in jobs]
+            pair = _place_pair(arrays, routes, visits[0], rule, sum(worth_j[job] for job in jobs), rng, is_waited_for)
+            if pair is None:
+                reason.update(dict.fromkeys(jobs))
+            else:
+                ends_s.update(zip(jobs, pair, strict=True))
+            continue
         end_s = _place(arrays, routes, visits, rule, worth_j[index], rng, is_waited_for=bool(waiting[index]))
         if end_s is None:
             wanted = len(visits)
@@ -175,6 +188,36 @@ def _place(
         insert(team, all_visits, routes, worker, visit, position)
     refresh(team, all_visits, routes, workers[0])
     return start_s + float(all_visits.service_s[first])
+
+
+def _place_pair(
+    arrays: ProblemArrays,
+    routes: RouteBatch,
+    pickup: int,
+    rule: int,
+    worth_j: float,
+    rng: np.random.Generator | None,
+    is_waited_for: list[bool],
+) -> tuple[float, float] | None:
+    """Assign a pickup and its delivery to the robot of least cost; returns their end times, None if infeasible."""
+    team, visits = arrays.team, arrays.visits
+    bids = []
+    for worker in range(len(team.ready_s)):
+        bid, more_j, position, later = cheapest_pair(team, visits, routes, worker, pickup, rule, 0)
+        if bid < math.inf and not (rule == BY_ENERGY and more_j >= worth_j):
+            bids.append((bid * (1.0 if rng is None else float(rng.uniform(*NOISE))), worker, position, later))
+    if not bids:
+        return None
+    _, worker, position, later = min(bids)
+    pair = (pickup, int(visits.delivery[pickup]))
+    for visit, at in zip(pair, (position, later), strict=True):
+        insert(team, visits, routes, worker, visit, at)
+    ends_s = float(routes.leave_s[worker, position + 1]), float(routes.leave_s[worker, later + 1])
+    for visit, end_s, is_fixed in zip(pair, ends_s, is_waited_for, strict=True):
+        if is_fixed:
+            visits.latest_s[visit] = end_s - visits.service_s[visit]
+    refresh(team, visits, routes, worker)
+    return ends_s
 
 
 class Windows(NamedTuple):

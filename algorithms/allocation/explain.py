@@ -10,7 +10,16 @@ import numpy as np
 from numba import njit
 
 from robrain.algorithms.allocation.coupling import windows_of
-from robrain.algorithms.allocation.insertion import BY_ENERGY, RouteBatch, empty_routes, insertion_at, refresh, remove
+from robrain.algorithms.allocation.insertion import (
+    BY_ENERGY,
+    RouteBatch,
+    cheapest_pair,
+    empty_routes,
+    insertion_at,
+    is_load,
+    refresh,
+    remove,
+)
 from robrain.algorithms.allocation.plan import Plan, Unassigned
 from robrain.algorithms.allocation.problem import (
     Job,
@@ -42,7 +51,7 @@ def explain(
 
     A robot's figures are those of the cheapest position in its route, with all other jobs in place. They cover the path
     from the place before, and the work. A robot that does the job is evaluated without it. Jobs that others wait for
-    keep their windows.
+    keep their windows. The figures of a delivery are those of its pickup, and both must fit.
 
     Args:
         problem: the problem.
@@ -56,12 +65,17 @@ def explain(
     if job.pinned_to:
         return ()
     robots = {route.worker for route in plan.routes if name in route.jobs}
+    delivery = problem.deliveries.get(index, -1)
+    for pickup, second in problem.deliveries.items():
+        if second == index:
+            index, job, delivery = pickup, problem.jobs[pickup], second
     arrays = make_arrays(problem)
     if problem.coupled:
         arrays = _narrowed(problem, arrays, plan)
     routes = routes_of(problem, arrays, plan)
     visit = int(np.flatnonzero(arrays.visits.job == index)[0])
     _remove_job(problem, arrays, routes, index)
+    _remove_job(problem, arrays, routes, delivery)
     bids = []
     for row, worker in enumerate(problem.workers):
         if (pause := pauses.get((name, worker.name))) is not None:
@@ -83,7 +97,7 @@ def _narrowed(problem: Problem, arrays: ProblemArrays, plan: Plan) -> ProblemArr
 
 
 def _remove_job(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, index: int) -> None:
-    """Remove a job's visits from their routes."""
+    """Remove a job's visits from their routes; nothing for −1."""
     for worker in range(len(problem.workers)):
         for position in range(routes.length[worker]):
             if int(arrays.visits.job[routes.order[worker, position]]) == index:
@@ -111,10 +125,10 @@ def _bid(
     )
 
 
-FITS, LACKS, NO_PATH, TOO_LATE, CROWDED, NO_ENERGY = range(6)
+FITS, LACKS, NO_PATH, TOO_LATE, FULL, CROWDED, NO_ENERGY = range(7)
 """Results of checking whether a job fits into a route. `LACKS`: the robot lacks a plugin or is not admitted. `NO_PATH`:
-no path exists. `TOO_LATE`: the job is late even if the robot goes at once. `CROWDED`: another job would be late.
-`NO_ENERGY`: the energy does not suffice."""
+no path exists. `TOO_LATE`: the job is late even if the robot goes at once. `FULL`: the robot can never carry its load.
+`CROWDED`: another job would be late. `NO_ENERGY`: the energy does not suffice."""
 
 
 class Judgement(NamedTuple):
@@ -140,7 +154,11 @@ def judge_visit(
     if not visits.allowed[worker, visit]:
         return LACKS, math.inf, math.inf, math.inf, -1
     best_j, lacking_j, position, lacking_position = math.inf, math.inf, -1, -1
-    for index in range(routes.length[worker] + 1):
+    if visits.delivery[visit] >= 0:
+        bid, lacking_j, lacking_position, _ = cheapest_pair(team, visits, routes, worker, visit, BY_ENERGY, 0)
+        if bid < math.inf:
+            best_j, position = bid, lacking_position
+    for index in range(routes.length[worker] + 1 if visits.delivery[visit] < 0 else 0):
         bid, more_j = insertion_at(team, visits, routes, worker, visit, index, BY_ENERGY)
         if bid < best_j:
             best_j, position = bid, index
@@ -157,7 +175,12 @@ def judge_visit(
             return NO_PATH, math.inf, math.inf, math.inf, -1
         end_s = start_s + visits.service_s[visit] + team.end_s[worker, leaves_from]
         is_late = start_s > visits.latest_s[visit] or end_s > team.horizon_s
-        return TOO_LATE if is_late else CROWDED, math.inf, start_s, math.inf, -1
+        is_full = True
+        for index in range(routes.length[worker] + 1):
+            if is_load(team, worker, routes.load_kg[worker, index] + visits.load_kg[visit]):
+                is_full = False
+        code = TOO_LATE if is_late else FULL if is_full else CROWDED
+        return code, math.inf, start_s, math.inf, -1
     place = team.start[worker] if position == 0 else visits.exit_place[routes.order[worker, position - 1]]
     arrive_s = routes.leave_s[worker, position] + team.time_s[profile, place, here]
     start_s = max(arrive_s, visits.earliest_s[visit])
@@ -180,7 +203,14 @@ def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) 
                 return lacks_plugins(missing)
             if worker.name in job.forbidden_workers:
                 return plain("forbidden", "is not to be given it")
-            return plain("not_ready", "has to charge first, and others can do it now")
+            if job.ready_only and worker.ready_s > 0:
+                return plain("not_ready", "has to charge first, and others can do it now")
+            if job.load_kg < 0 or job.same_worker_as:
+                return plain("not_holder", "does not carry what is delivered")
+            return plain("not_delivery", "is not to be given its delivery")
+        case code if code == FULL:
+            load_kg = _figure(job.load_kg)
+            return plain("full", f"cannot carry {load_kg:g} kg more", load_kg=load_kg)
         case code if code == NO_PATH:
             return plain(NO_ROUND_TRIP, "cannot reach it and then a charger")
         case code if code == TOO_LATE:

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robrain.algorithms.allocation.problem import Floats, Indices, TeamArrays, VisitArrays
+from robrain.algorithms.allocation.problem import SLACK_KG, Floats, Indices, TeamArrays, VisitArrays
 
 SLACK_J = 1e-6
 """Tolerance for sums of joules, against rounding that depends on the order of summation."""
@@ -32,6 +32,8 @@ class RouteBatch(NamedTuple):
     wait_s: Floats
     end_s: Floats
     """(W,) arrival at the charger; `ready_s` for an empty route."""
+    load_kg: Floats
+    """(W, V + 1) load at the start (column 0) and after each visit."""
 
 
 def empty_routes(team: TeamArrays, visits: VisitArrays) -> RouteBatch:
@@ -45,6 +47,7 @@ def empty_routes(team: TeamArrays, visits: VisitArrays) -> RouteBatch:
         np.zeros(workers),
         np.zeros(workers),
         np.zeros(workers),
+        np.zeros((workers, count + 1)),
     )
     for worker in range(workers):
         refresh(team, visits, routes, worker)
@@ -61,6 +64,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
     spent_j = 0.0
     wait_s = 0.0
     routes.leave_s[worker, 0] = now_s
+    routes.load_kg[worker, 0] = team.load_kg[worker]
     for position in range(length):
         visit = routes.order[worker, position]
         now_s += team.time_s[profile, place, visits.place[visit]]
@@ -71,6 +75,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
             now_s = visits.earliest_s[visit]
         now_s += visits.service_s[visit]
         routes.leave_s[worker, position + 1] = now_s
+        routes.load_kg[worker, position + 1] = routes.load_kg[worker, position] + visits.load_kg[visit]
     if length > 0:
         now_s += team.end_s[worker, place]
         spent_j += team.end_j[worker, place] + wait_s * team.wait_w[worker]
@@ -122,13 +127,15 @@ def _finish(
 def insertion_at(
     team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int, position: int, rule: int
 ) -> tuple[float, float]:
-    """Cost of inserting a visit at a position of a worker's route.
+    """Cost of inserting a visit at a position of a worker's route. The load of a pickup with a delivery is not checked.
 
     Returns: The bid by the rule (additional joules, time of return, or minus the remaining energy) and the additional
-        joules. Both are infinite if a visit would be late or there is no path; the bid alone if the energy does not
-        suffice.
+        joules. Both are infinite if a visit would be late, the load too large or there is no path; the bid alone if the
+        energy does not suffice.
 
     """
+    if visits.delivery[visit] < 0 and not carries(team, routes, worker, position, visits.load_kg[visit]):
+        return math.inf, math.inf
     profile = team.profile[worker]
     length = routes.length[worker]
     here, leaves_from = visits.place[visit], visits.exit_place[visit]
@@ -190,11 +197,69 @@ def cheapest_insertion(
 
 
 @njit(cache=True, nogil=True)
+def cheapest_pair(
+    team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, visit: int, rule: int, first: int
+) -> tuple[float, float, int, int]:
+    """The best positions of a pickup and its delivery in a worker's route, from position `first` on.
+
+    Returns: Bid, additional joules, position of the pickup, and that of the delivery after the pickup's insertion. The
+        positions are −1 if there are none. The bid is infinite, and the additional joules are not, if only the energy
+        does not suffice.
+
+    """
+    best_bid, best_more_j, best_position, best_later = math.inf, math.inf, -1, -1
+    delivery = visits.delivery[visit]
+    if not visits.allowed[worker, visit]:
+        return best_bid, best_more_j, best_position, best_later
+    for position in range(first, routes.length[worker] + 1):
+        _, pickup_j = insertion_at(team, visits, routes, worker, visit, position, BY_ENERGY)
+        if not pickup_j < math.inf:
+            continue
+        insert(team, visits, routes, worker, visit, position)
+        for later in range(position + 1, routes.length[worker] + 1):
+            if not is_load(team, worker, routes.load_kg[worker, later]):
+                break
+            bid, more_j = insertion_at(team, visits, routes, worker, delivery, later, rule)
+            more_j += pickup_j
+            if rule == BY_ENERGY:
+                bid += pickup_j
+            if bid < best_bid or (bid == best_bid and more_j < best_more_j):
+                best_bid, best_more_j, best_position, best_later = bid, more_j, position, later
+        remove(team, visits, routes, worker, position)
+    return best_bid, best_more_j, best_position, best_later
+
+
+@njit(cache=True, nogil=True)
+def is_load(team: TeamArrays, worker: int, load_kg: float) -> bool:
+    """Whether a worker can carry this load."""
+    return bool(-SLACK_KG <= load_kg <= team.capacity_kg[worker] + SLACK_KG)
+
+
+@njit(cache=True, nogil=True)
+def carries(team: TeamArrays, routes: RouteBatch, worker: int, position: int, more_kg: float) -> bool:
+    """Whether a worker can carry `more_kg` from a position of its route to the end."""
+    if more_kg != 0:
+        for index in range(position, routes.length[worker] + 1):
+            if not is_load(team, worker, routes.load_kg[worker, index] + more_kg):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True)
 def _arrival(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: int, position: int) -> float:
     visit = routes.order[worker, position]
     place = team.start[worker] if position == 0 else visits.exit_place[routes.order[worker, position - 1]]
     arrive_s: float = routes.leave_s[worker, position] + team.time_s[team.profile[worker], place, visits.place[visit]]
     return arrive_s
+
+
+@njit(cache=True, nogil=True)
+def position_of(routes: RouteBatch, worker: int, visit: int) -> int:
+    """The position of a visit in a worker's route; −1 if it is not there."""
+    for position in range(routes.length[worker]):
+        if routes.order[worker, position] == visit:
+            return position
+    return -1
 
 
 @njit(cache=True, nogil=True)

@@ -57,7 +57,7 @@ class SearchParameters(NamedTuple):
 
     perturbation: PerturbationParams
     first_penalties: tuple[float, float, float]
-    """Penalties per unit of excess load, time and energy."""
+    """Penalties per unit of excess time and energy, and per mean load of a visit."""
     penalties: PenaltyParams
     history: int
     large_history: int
@@ -73,7 +73,7 @@ WARM = SearchParameters(
 """From a plan: large steps, and small violations are soon tolerated."""
 COLD = SearchParameters(PerturbationParams(1, 25), (5e4, 5e4, 5e4), PenaltyParams(max_penalty=MAX_PENALTY), 300, 50)
 """From a random start, as PyVRP's defaults: small steps, and violations are not tolerated for a long time. Each of the
-two sometimes finds a plan that the other does not."""
+two sometimes finds a plan that the other does not. With loads, these are better from a plan too."""
 
 
 class VrpSearch:
@@ -86,6 +86,14 @@ class VrpSearch:
 
     def __init__(self, data: ProblemData) -> None:
         self._neighbours = compute_neighbours(data, NeighbourhoodParams(num_neighbours=NEIGHBOURS))
+        loads = [np.add(client.delivery, client.pickup) for client in data.clients()]
+        loads += [np.array(shipment.amount) for shipment in data.shipments()]
+        self._mean_loads = [
+            float(np.mean([one[dim] for one in loads if one[dim]] or [1])) for dim in range(data.num_load_dimensions)
+        ]
+        self._has_loads = data.num_shipments > 0 or any(sum(client.pickup) for client in data.clients())
+        self.patience_per_visit = LOADS_PATIENCE_PER_VISIT if self._has_loads else PATIENCE_PER_VISIT
+        self._visits = data.num_clients + 2 * data.num_shipments
         self.longest_s = 0.0
         """Longest step seen, in seconds; a step cannot be interrupted."""
 
@@ -115,19 +123,19 @@ class VrpSearch:
 
         """
         generator = RandomNumberGenerator(seed=seed % 2**32)
-        chosen = WARM if start is not None else COLD
+        chosen = COLD if start is None or self._has_loads else WARM
         local_search = LocalSearch(data, generator, self._neighbours, PerturbationManager(chosen.perturbation))
         for operator in OPERATORS:
             if operator.supports(data):
                 local_search.add_operator(operator(data))
         load, time, energy = chosen.first_penalties
-        penalties = PenaltyManager(([load] * data.num_load_dimensions, time, energy), chosen.penalties)
+        penalties = PenaltyManager(([load / mean for mean in self._mean_loads], time, energy), chosen.penalties)
         if start is None:
             start = local_search(Solution.make_random(data, generator), penalties.max_cost_evaluator(), exhaustive=True)
         watch = _Limits(self, effort, end_left_s, iterations, patience, is_enough)
         parameters = IteratedLocalSearchParams(
-            history_length=chosen.history if data.num_clients < LARGE else chosen.large_history,
-            exhaustive_on_best=data.num_clients < LARGE,
+            history_length=chosen.history if self._visits < LARGE else chosen.large_history,
+            exhaustive_on_best=self._visits < LARGE,
             callbacks=watch,
         )
         search = IteratedLocalSearch(data, penalties, local_search, start, parameters)
@@ -188,6 +196,7 @@ STEP = 0.1
 LEAST_STEP = 0.005
 PATIENCE = 100
 PATIENCE_PER_VISIT = 6
+LOADS_PATIENCE_PER_VISIT = 40
 """Iterations without improvement after which a search ends. Found by experiment: late acceptance is then stuck."""
 FRUITLESS = 12
 """Consecutive searches without improvement after which the search gives up."""
@@ -332,7 +341,7 @@ class _Improvement:
             None if is_random else start,
             effort,
             self._seed + 1000 * self._searches,
-            patience=PATIENCE + PATIENCE_PER_VISIT * len(windows.rows),
+            patience=PATIENCE + search.patience_per_visit * len(windows.rows),
             end_left_s=max(self._check_s, effort.left_s * (1 - share)) if math.isfinite(effort.left_s) else 0.0,
             iterations=math.ceil(effort.left_iterations * share) if math.isfinite(effort.left_iterations) else math.inf,
             is_enough=(lambda solution: solution.uncollected_prizes() <= lost) if is_limited else None,

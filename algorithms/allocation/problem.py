@@ -21,6 +21,9 @@ from robrain.protocol.reasons import HolderLacksEnergy, PlainReason, plain
 
 LARGEST = 1e25
 """Upper bound of joules and of seconds; sums and products of them stay finite."""
+LARGEST_KG = 1e6
+SLACK_KG = 1e-6
+"""Tolerance for sums of loads."""
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -52,6 +55,11 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Robots that must not get it."""
     ready_only: bool = False
     """Whether only robots with `ready_s` 0 may get it."""
+    load_kg: float = 0.0
+    """Change of its robot's load: above 0 for a pickup, below 0 for a delivery."""
+    same_worker_as: str = ""
+    """The job that one and the same robot does before it, such as the pickup of a delivery. It is one of `after`, and
+    a robot does both or neither. An unknown id has no effect."""
 
     def __post_init__(self) -> None:
         for name in ("prize_j", "service_s", "service_j", "earliest_s"):
@@ -59,6 +67,12 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
                 raise ValueError(f"job {self.id}: expected a finite {name} >= 0, got {getattr(self, name)}")
         if not self.latest_s >= 0:
             raise ValueError(f"job {self.id}: expected latest_s >= 0, got {self.latest_s}")
+        if not abs(self.load_kg) <= LARGEST_KG:
+            raise ValueError(f"job {self.id}: expected load_kg of at most {LARGEST_KG:g}, got {self.load_kg}")
+        if self.robots > 1 and (self.load_kg or self.same_worker_as):
+            raise ValueError(f"job {self.id}: expected one robot for a job with a load or a pickup, got {self.robots}")
+        if self.same_worker_as and self.same_worker_as not in self.after:
+            raise ValueError(f"job {self.id}: expected {self.same_worker_as} in `after`, as in same_worker_as")
         if self.robots < 1:
             raise ValueError(f"job {self.id}: expected robots >= 1, got {self.robots}")
         if self.pinned_to and self.robots > 1:
@@ -98,6 +112,10 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
     """Full battery, for explanations only; 0 if unknown."""
     reserve_j: float = 0.0
     """Deducted reserve, for explanations only."""
+    capacity_kg: float = math.inf
+    """Greatest load."""
+    load_kg: float = 0.0
+    """Load at the start."""
 
     def __post_init__(self) -> None:
         if not self.ends:
@@ -105,6 +123,10 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
         for name in ("ready_s", "wait_w"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise ValueError(f"worker {self.name}: expected a finite {name} >= 0, got {getattr(self, name)}")
+        if not (0 <= self.load_kg <= LARGEST_KG and self.capacity_kg >= self.load_kg):
+            raise ValueError(
+                f"worker {self.name}: expected a load_kg from 0 to its capacity, {self.capacity_kg}, got {self.load_kg}"
+            )
         if not math.isfinite(self.usable_j):
             raise ValueError(f"worker {self.name}: expected a finite usable_j, got {self.usable_j}")
 
@@ -150,6 +172,9 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
                 raise ValueError(f"job {job.id}: expected pinned_to to be a worker, got {job.pinned_to}")
             if job.pinned_to and self.predecessors(job):
                 raise ValueError(f"job {job.id}: {job.pinned_to} is at it, so nothing may have to come before it")
+        pickups = [self.pickup(job) for job in self.jobs if self.pickup(job)]
+        if len(set(pickups)) != len(pickups) or any(self.pickup(self.jobs[self.job_index[name]]) for name in pickups):
+            raise ValueError("expected each job in one pair of same_worker_as at most")
         for worker in self.workers:
             if worker.start not in places or any(end not in places for end in worker.ends):
                 raise ValueError(f"worker {worker.name}: expected start and ends from 0 to {shape[1] - 1}")
@@ -168,15 +193,32 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def coupled(self) -> dict[int, list[int]]:
-        """Jobs that wait for others, are waited for or need several robots, each with those that wait for it."""
+        """Jobs that wait for others, are waited for or need several robots, each with those that wait for it.
+
+        A delivery's wait for its pickup does not count. If one of the two is coupled to other jobs, both are.
+        """
         waiting: dict[int, list[int]] = {}
         for index, job in enumerate(self.jobs):
-            before = self.predecessors(job)
+            before = [other for other in self.predecessors(job) if self.deliveries.get(self.job_index[other]) != index]
             if before or job.robots > 1:
                 waiting.setdefault(index, [])
             for other in before:
                 waiting.setdefault(self.job_index[other], []).append(index)
+        for pickup, delivery in self.deliveries.items():
+            if pickup in waiting or delivery in waiting:
+                waiting.setdefault(pickup, [])
+                waiting.setdefault(delivery, [])
         return waiting
+
+    @cached_property
+    def deliveries(self) -> dict[int, int]:
+        """Indices of the pickups that no robot has begun, each with its delivery."""
+        pickups = {self.job_index[name]: index for index, job in enumerate(self.jobs) if (name := self.pickup(job))}
+        return {pickup: delivery for pickup, delivery in pickups.items() if not self.jobs[pickup].pinned_to}
+
+    def pickup(self, job: Job) -> str:
+        """The job of the problem that the same robot must do before this one; empty if there is none."""
+        return job.same_worker_as if job.same_worker_as in self.job_index else ""
 
     def predecessors(self, job: Job) -> list[str]:
         """The jobs of the problem that must end before this one starts."""
@@ -203,6 +245,10 @@ class TeamArrays(NamedTuple):
     """(W, n) joules from each place to the charger that is cheapest in energy."""
     end_s: Floats
     horizon_s: float
+    capacity_kg: Floats
+    """(W,)"""
+    load_kg: Floats
+    """At the start."""
 
 
 class VisitArrays(NamedTuple):
@@ -210,11 +256,16 @@ class VisitArrays(NamedTuple):
 
     job: Indices
     """Index into the problem's jobs."""
+    delivery: Indices
+    """The visit that the same worker must make after this one; −1 if there is none."""
+    pickup: Indices
+    """The visit that the same worker must make before this one; −1 if there is none."""
+    load_kg: Floats
     place: Indices
     exit_place: Indices
     """Where the worker is at the end of the visit."""
     prize_j: Floats
-    """The job's prize, divided among its visits."""
+    """The job's prize, divided among its visits; that of a delivery belongs to its pickup."""
     service_s: Floats
     service_j: Floats
     earliest_s: Floats
@@ -224,9 +275,14 @@ class VisitArrays(NamedTuple):
     """(W, V) whether the worker has what the job needs and is admitted to it."""
 
     def chosen(self, rows: Indices) -> "VisitArrays":
-        """Select some visits; returns copies."""
+        """Select some visits, of a pair both or none; returns copies."""
+        row_of = np.full(len(self.job) + 1, -1, np.int64)
+        row_of[rows] = np.arange(len(rows))
         return VisitArrays(
             self.job[rows],
+            row_of[self.delivery[rows]],
+            row_of[self.pickup[rows]],
+            self.load_kg[rows],
             self.place[rows],
             self.exit_place[rows],
             self.prize_j[rows],
@@ -263,6 +319,8 @@ def make_arrays(problem: Problem) -> ProblemArrays:
         np.array([energy for energy, _, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
         np.array([time for _, time, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
         float(problem.horizon_s),
+        np.array([worker.capacity_kg for worker in problem.workers], np.float64),
+        np.array([worker.load_kg for worker in problem.workers], np.float64),
     )
     pinned, refused = _finish_running(problem, team)
     running = {index for index, job in enumerate(problem.jobs) if job.pinned_to}
@@ -275,11 +333,30 @@ def make_arrays(problem: Problem) -> ProblemArrays:
         if kind not in able:
             able[kind] = np.array([job.admits(worker) for worker in problem.workers], np.bool_)
         allowed[:, column] = able[kind]
+    row_of = {index: row for row, index in enumerate(jobs)}
+    delivery, pickup = np.full(len(jobs), -1, np.int64), np.full(len(jobs), -1, np.int64)
+    for first, second in problem.deliveries.items():
+        delivery[row_of[first]], pickup[row_of[second]] = row_of[second], row_of[first]
+        allowed[:, row_of[first]] &= allowed[:, row_of[second]]
+        allowed[:, row_of[second]] = allowed[:, row_of[first]]
+    load_kg = np.array([job.load_kg for job in chosen], np.float64)
+    for column, job in enumerate(chosen):
+        if pickup[column] < 0 and job.load_kg < 0:
+            allowed[:, column] &= team.load_kg >= -job.load_kg - SLACK_KG
+        holder = problem.jobs[problem.job_index[name]].pinned_to if (name := problem.pickup(job)) else ""
+        if holder:
+            allowed[:, column] &= np.array([worker.name == holder for worker in problem.workers], np.bool_)
+    prize_j = np.array([job.prize_j / job.robots for job in chosen], np.float64)
+    prize_j[delivery >= 0] += prize_j[delivery[delivery >= 0]]
+    prize_j[pickup >= 0] = 0.0
     visits = VisitArrays(
         np.array(jobs, np.int64),
+        delivery,
+        pickup,
+        load_kg,
         np.array([job.place for job in chosen], np.int64),
         np.array([job.exit_place for job in chosen], np.int64),
-        np.array([job.prize_j / job.robots for job in chosen], np.float64),
+        prize_j,
         np.array([job.service_s for job in chosen], np.float64),
         np.array([job.service_j for job in chosen], np.float64),
         np.array([job.earliest_s for job in chosen], np.float64),
@@ -325,9 +402,13 @@ def _finish_running(
         elif end_s > job.latest_s or end_s + team.end_s[at, job.exit_place] > problem.horizon_s:
             text = f"{job.pinned_to} is at it and cannot end it in time"
             refused[index] = plain("holder_late", text, robot=job.pinned_to)
+        elif not -SLACK_KG <= team.load_kg[at] + job.load_kg <= team.capacity_kg[at] + SLACK_KG:
+            text = f"{job.pinned_to} is at it and cannot carry that"
+            refused[index] = plain("holder_full", text, robot=job.pinned_to)
         elif not left_j >= team.end_j[at, job.exit_place]:
             refused[index] = HolderLacksEnergy(job.pinned_to)
         else:
             team.start[at], team.ready_s[at], team.usable_j[at] = job.exit_place, end_s, left_j
+            team.load_kg[at] += job.load_kg
             pinned[at].append(index)
     return tuple(tuple(jobs) for jobs in pinned), refused

@@ -25,7 +25,7 @@ def validate(problem: Problem, plan: Plan) -> list[str]:
 
 def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
     faults = []
-    now_s, place, left_j = worker.ready_s, worker.start, worker.usable_j
+    now_s, place, left_j, load_kg = worker.ready_s, worker.start, worker.usable_j, worker.load_kg
     for position, stop in enumerate(route.stops):
         job = problem.jobs[problem.job_index[stop.job]]
         faults += _check_fit(worker, job, position, [other.job for other in route.stops[:position]], problem)
@@ -44,6 +44,9 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
         left_j -= worker.wait_w * (stop.start_s - arrive_s) + job.service_j
         if not abs(left_j - stop.left_j) <= SLACK:
             faults.append(f"{worker.name} has {left_j:.3f} J after {job.id}, not {stop.left_j:.3f} J")
+        load_kg += job.load_kg
+        if not -SLACK <= load_kg <= worker.capacity_kg + SLACK:
+            faults.append(f"{worker.name} carries {load_kg:g} kg after {job.id}, of {worker.capacity_kg:g} kg at most")
         now_s, place = stop.end_s, job.place if job.end_place is None else job.end_place
     if not route.stops:
         return faults
@@ -86,6 +89,10 @@ def _check_jobs(problem: Problem, plan: Plan) -> list[str]:
             workers.setdefault(stop.job, []).append(route.worker)
     for job in problem.jobs:
         visits = stops.get(job.id, [])
+        if job.same_worker_as in problem.job_index:
+            pickup = problem.jobs[problem.job_index[job.same_worker_as]]
+            if workers.get(job.id) != workers.get(pickup.id) and (visits or not pickup.pinned_to):
+                faults.append(f"{job.id} and {pickup.id} are not done by the same robot")
         if not visits:
             continue
         if len(visits) != job.robots or len(set(workers[job.id])) != job.robots:

@@ -1,7 +1,8 @@
 """A problem as a PyVRP model: visits are clients, workers are vehicle types, energy is distance.
 
-Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance. Distances are
-joules and durations are seconds, both as integers: a median path has `J_UNITS` and `S_UNITS`.
+Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance; workers that are
+equal in everything are one type of several vehicles. Distances are joules and durations are seconds, both as integers:
+a median path has `J_UNITS` and `S_UNITS`.
 
 Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules.
 A plan at its exact limit may be missed, by 1e-4 of a median path per stop. Times are rounded down, so that a plan's own
@@ -18,6 +19,9 @@ A visit that a worker must not make is a missing path, in separate matrices for 
 would need too much memory, each need is a load of one unit in its own dimension. Workers that offer it have capacity
 for all visits, other workers have none. Missing paths were better by 1.5 % at 20 × 200 after equal iterations (three
 seeds, 40 % of the jobs with a need). At 60 × 600 there was no difference.
+
+A pickup and its delivery are a shipment. Other jobs with a load are clients with a pickup or a delivery. Loads are
+whole grams, rounded up; capacities are rounded down.
 """
 
 import math
@@ -27,13 +31,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from pyvrp import Client, Depot, Location, ProblemData, Route, Solution, VehicleType
+from pyvrp import (
+    Activity,
+    ActivityType,
+    Client,
+    Depot,
+    Location,
+    ProblemData,
+    Route,
+    Shipment,
+    Solution,
+    VehicleType,
+)
 
 from robrain.algorithms.allocation.problem import Floats, Indices, Objective, Problem, ProblemArrays, VisitArrays
 
 J_UNITS = 1e4
 """Units of a median path including the service at its end; chosen so that rounding costs about 1e-4."""
 S_UNITS = 1e7
+KG_UNITS = 1000
 MAX_PENALTY = 100_000.0
 PRIZE_LIMIT = 2.0**50
 Matrix = np.ndarray[Any, np.dtype[np.int64]]
@@ -90,9 +106,17 @@ class VrpModel:
         required: NDArray[np.bool_],
         objective: Objective,
     ) -> None:
-        self._team = arrays.team
+        self._team, self._load_kg = arrays.team, visits.load_kg
         self._count = len(visits.job)
-        self._workers = [worker for worker in range(len(problem.workers)) if arrays.team.usable_j[worker] >= 0]
+        equal: dict[tuple[object, ...], list[int]] = {}
+        for index, worker in enumerate(problem.workers):
+            if arrays.team.usable_j[index] >= 0:
+                state = (float(each[index]) for each in (arrays.team.start, arrays.team.ready_s, arrays.team.usable_j))
+                limits = worker.capacity_kg, float(arrays.team.load_kg[index]), visits.allowed[index].tobytes()
+                equal.setdefault((worker.profile, worker.ends, *state, *limits), []).append(index)
+        self._equal = list(equal.values())
+        """Indices of the workers of each vehicle type."""
+        self._workers = [workers[0] for workers in self._equal]
         rows = [(int(arrays.team.profile[worker]), visits.allowed[worker].tobytes()) for worker in self._workers]
         kinds = sorted(set(rows))
         is_by_routes = len(kinds) * (self._count + len(self._workers)) ** 2 <= MOST_CELLS
@@ -106,13 +130,22 @@ class VrpModel:
         self._units_per_j, self._units_per_s = self._scales(visits)
         self._budgets = self._budget_units(visits)
         energy, time = self._matrices(visits)
+        self._singles = np.flatnonzero((visits.delivery < 0) & (visits.pickup < 0)).tolist()
+        self._pairs = [(int(row), int(visits.delivery[row])) for row in np.flatnonzero(visits.delivery >= 0)]
+        self._activities = {visit: Activity(ActivityType.CLIENT, index) for index, visit in enumerate(self._singles)}
+        for index, (pickup, delivery) in enumerate(self._pairs):
+            self._activities[pickup] = Activity(ActivityType.PICKUP, index)
+            self._activities[delivery] = Activity(ActivityType.DELIVERY, index)
+        self._visit_of = {(one.type, one.idx): visit for visit, one in self._activities.items()}
+        clients, shipments = self._clients(problem, visits, required, objective)
         self.data = ProblemData(
             [Location(0, 0) for _ in range(energy[0].shape[0])],
-            self._clients(problem, visits, required, objective),
+            clients,
             [Depot(location) for location in range(self._count, energy[0].shape[0])],
             self._vehicles(math.inf, 0.0),
             energy,
             time,
+            shipments=shipments,
         )
 
     def limited(self, end_s: float = math.inf, left_j: float = 0.0) -> ProblemData:
@@ -121,15 +154,17 @@ class VrpModel:
 
     def solution(self, data: ProblemData, orders: Sequence[Sequence[int]]) -> Solution:
         """A solution from each worker's visits in order."""
-        types = {worker: index for index, worker in enumerate(self._workers)}
-        return Solution(data, [Route(data, list(order), types[worker]) for worker, order in enumerate(orders) if order])
+        types = {worker: index for index, workers in enumerate(self._equal) for worker in workers}
+        routes = [([self._activities[visit] for visit in order], types[w]) for w, order in enumerate(orders) if order]
+        return Solution(data, [Route(data, activities, vehicle_type) for activities, vehicle_type in routes])
 
     def orders(self, solution: Solution) -> list[list[int]]:
         """Each worker's visits in order."""
         orders: list[list[int]] = [[] for _ in self._end_of]
+        free = [iter(workers) for workers in self._equal]
         for route in solution.routes():
-            visits = [activity.idx for activity in route if activity.is_client()]
-            orders[self._workers[route.vehicle_type()]] = visits
+            visits = [self._visit_of.get((activity.type, activity.idx)) for activity in route]
+            orders[next(free[route.vehicle_type()])] = [visit for visit in visits if visit is not None]
         return orders
 
     def _end_index(self, problem: Problem, worker: int) -> int:
@@ -205,13 +240,24 @@ class VrpModel:
     def _vehicles(self, end_s: float, left_j: float) -> list[VehicleType]:
         team, starts = self._team, len(self._workers)
         end_units = self._ceil(min(end_s, team.horizon_s))
+        singles = self._load_kg[self._singles]
+        most_kg = float(np.abs(self._load_kg).sum())
         vehicles = []
         for index, worker in enumerate(self._workers):
             ready = self._floor(team.ready_s[worker])
             budget = self._budgets[index] - math.ceil(left_j * self._units_per_j)
+            capacity = [self._count if worker in load.workers else 0 for load in self._loads]
+            carried = [0] * len(capacity)
+            if most_kg > 0:
+                start_kg = float(team.load_kg[worker])
+                capacity.append(math.floor(min(team.capacity_kg[worker], most_kg + start_kg) * KG_UNITS + ROUNDING))
+                # The model loads at the start what its deliveries without a pickup need.
+                carried.append(_grams(max(0.0, start_kg + float(singles[singles < 0].sum()))))
             vehicles.append(
                 VehicleType(
-                    capacity=[self._count if worker in load.workers else 0 for load in self._loads],
+                    num_available=len(self._equal[index]),
+                    capacity=capacity,
+                    initial_load=carried,
                     start_depot=index,
                     end_depot=starts + self._end_of[worker],
                     tw_early=min(ready, end_units),
@@ -226,31 +272,61 @@ class VrpModel:
 
     def _clients(
         self, problem: Problem, visits: VisitArrays, required: NDArray[np.bool_], objective: Objective
-    ) -> list[Client]:
+    ) -> tuple[list[Client], list[Shipment]]:
         prizes = visits.prize_j * self._units_per_j
         if objective is not Objective.ENERGY and len(prizes):
             # A prize then outweighs the longest detour to it.
             least = float(np.min(prizes, where=prizes > 0, initial=math.inf))
             prizes = prizes * max(1.0, 2.0 * max(self._budgets, default=1) / least)
         prizes = np.minimum(prizes, PRIZE_LIMIT / max(1, self._count))
+        load_kg = visits.load_kg
+        with_loads = bool(load_kg.any())
         clients = []
-        for visit in range(self._count):
+        for visit in self._singles:
             job = problem.jobs[visits.job[visit]]
-            early, late = self._floor(visits.earliest_s[visit]), self._ceil(visits.latest_s[visit])
-            service = self._floor(visits.service_s[visit])
+            needed = [int(job.id in load.jobs) for load in self._loads]
+            early, late, service = self._times(visits, visit)
             clients.append(
                 Client(
                     location=visit,
-                    delivery=[int(job.id in load.jobs) for load in self._loads],
+                    delivery=needed + [_grams(max(0.0, -load_kg[visit]))] * with_loads,
+                    pickup=[0] * len(needed) + [_grams(max(0.0, load_kg[visit]))] * with_loads,
                     # Two robots of a team job never are one and the same, if being at it takes time.
                     service_duration=max(service, 1) if job.robots > 1 else service,
                     tw_early=early,
-                    tw_late=max(early, late),
+                    tw_late=late,
                     prize=math.floor(prizes[visit]),
                     required=bool(required[visit]),
                 )
             )
-        return clients
+        shipments = []
+        for pair in self._pairs:
+            jobs = {problem.jobs[visits.job[visit]].id for visit in pair}
+            needed = [int(not load.jobs.isdisjoint(jobs)) for load in self._loads]
+            carried_kg = max(abs(float(load_kg[visit])) for visit in pair)
+            (early, late, service), (later_early, later_late, later_service) = (
+                self._times(visits, visit) for visit in pair
+            )
+            shipments.append(
+                Shipment(
+                    *pair,
+                    pickup_tw_early=early,
+                    pickup_tw_late=late,
+                    pickup_service_duration=service,
+                    delivery_tw_early=later_early,
+                    delivery_tw_late=later_late,
+                    delivery_service_duration=later_service,
+                    amount=needed + [_grams(carried_kg)] * with_loads,
+                    prize=math.floor(prizes[pair[0]]),
+                    required=bool(required[pair[0]] or required[pair[1]]),
+                )
+            )
+        return clients, shipments
+
+    def _times(self, visits: VisitArrays, visit: int) -> tuple[int, int, int]:
+        """Earliest and latest start, and service duration."""
+        early, late = self._floor(visits.earliest_s[visit]), self._ceil(visits.latest_s[visit])
+        return early, max(early, late), self._floor(visits.service_s[visit])
 
     def _floor(self, time_s: float) -> int:
         units = time_s * self._units_per_s
@@ -259,6 +335,10 @@ class VrpModel:
     def _ceil(self, time_s: float) -> int:
         units = time_s * self._units_per_s
         return math.ceil(units) if units < FOREVER else FOREVER
+
+
+def _grams(load_kg: float) -> int:
+    return math.ceil(load_kg * KG_UNITS - ROUNDING)
 
 
 @njit(cache=True, nogil=True)

@@ -23,6 +23,8 @@ def team_problem(
     after: float = 0.0,
     pairs: float = 0.0,
     driven: float = 0.0,
+    deliveries: float = 0.0,
+    loads: float = 0.0,
     wait_w: float = 0.0,
     late_start: float = 0.0,
     prize_j: tuple[float, float] | None = (2.0, 10.0),
@@ -41,6 +43,8 @@ def team_problem(
         after: share with a predecessor.
         pairs: share for two robots at once.
         driven: share that ends at the place of another task.
+        deliveries: share of the tasks in pairs of a pickup and its delivery; robots then carry 3 to 8 kg.
+        loads: share of the other tasks that load something, or unload what a robot has on board.
         wait_w: what waiting draws.
         late_start: robots are ready up to this many seconds late.
         prize_j: in units of a typical leg's energy, from and to; None makes jobs worth more than anything.
@@ -118,4 +122,21 @@ def team_problem(
             service_j=jobs[index].service_j
             + path_m * max(power / speed for power, speed in zip(POWERS_W, SPEEDS_M_S, strict=True)),
         )
+    if deliveries or loads:
+        for index in range(0, tasks - 1, 2):
+            if jobs[index].robots == jobs[index + 1].robots == 1 and rng.random() < deliveries:
+                load_kg, pickup, delivery = float(rng.integers(0, 4)), jobs[index], jobs[index + 1]
+                jobs[index] = msgspec.structs.replace(pickup, load_kg=load_kg)
+                after = tuple({*delivery.after, pickup.id})
+                jobs[index + 1] = msgspec.structs.replace(
+                    delivery, load_kg=-load_kg, after=after, same_worker_as=pickup.id
+                )
+        paired = {name for job in jobs if job.same_worker_as for name in (job.id, job.same_worker_as)}
+        for index, job in enumerate(jobs):
+            if job.id not in paired and job.robots == 1 and rng.random() < loads:
+                jobs[index] = msgspec.structs.replace(job, load_kg=float(rng.choice([-1.5, 1.0, 2.5])))
+        for index, worker in enumerate(workers):
+            capacity_kg = float(rng.integers(3, 9))
+            load_kg = float(rng.integers(0, 4)) if loads else 0.0
+            workers[index] = msgspec.structs.replace(worker, capacity_kg=capacity_kg, load_kg=load_kg)
     return Problem(jobs=tuple(jobs), workers=tuple(workers), energy_j=energy_j, time_s=time_s)

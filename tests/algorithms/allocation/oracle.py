@@ -20,16 +20,21 @@ SCALE = 1000
 def exact_plan(problem: Problem, objective: Objective = Objective.ENERGY, limit_s: float = 60.0) -> Plan | None:
     """The best plan that there is, up to rounding; None if that is not proved in time.
 
-    Energy, makespan (prizes first) and lifetime (prizes first); windows, needs, budgets, precedence, k at once. Waiting
-    must be free and nothing pinned.
+    Energy, makespan (prizes first) and lifetime (prizes first); windows, needs, budgets, precedence, k at once, pairs
+    and loads (of jobs for one robot that do not follow one for several). Waiting must be free and nothing pinned.
     """
     assert all(worker.wait_w == 0 for worker in problem.workers)
     assert not any(job.pinned_to for job in problem.jobs)
     model = cp_model.CpModel()
     count = len(problem.jobs)
     horizon = _horizon(problem)
+    deliveries = [
+        (problem.job_index[job.same_worker_as], i) for i, job in enumerate(problem.jobs) if job.same_worker_as
+    ]
     done = [model.new_bool_var(f"done {job.id}") for job in problem.jobs]
     start = [model.new_int_var(0, horizon, f"start {job.id}") for job in problem.jobs]
+    most_kg = max((worker.capacity_kg for worker in problem.workers), default=0.0)
+    carried = [model.new_int_var(0, _units(min(most_kg, 1e6)), f"load after {job.id}") for job in problem.jobs]
     does: list[list[cp_model.IntVar]] = []
     routes, spents, ends = [], [], []
     for worker in problem.workers:
@@ -48,6 +53,10 @@ def exact_plan(problem: Problem, objective: Objective = Objective.ENERGY, limit_
                 model.add(mine[index] == 0)
             first = model.new_bool_var("")
             arcs.append((0, index + 1, first))
+            load = _units(job.load_kg)
+            if job.robots == 1:
+                model.add(carried[index] == _units(worker.load_kg) + load).only_enforce_if(first)
+                model.add(carried[index] <= _units(min(worker.capacity_kg, 1e6))).only_enforce_if(mine[index])
             ways[0, index + 1] = first
             terms.append(_units(energy[worker.start, job.place] + job.service_j) * first)
             model.add(start[index] >= _units(worker.ready_s + time[worker.start, job.place])).only_enforce_if(first)
@@ -65,6 +74,11 @@ def exact_plan(problem: Problem, objective: Objective = Objective.ENERGY, limit_
                 terms.append(_units(energy[job.exit_place, other.place] + other.service_j) * way)
                 gap = _units(job.service_s + time[job.exit_place, other.place])
                 model.add(start[other_index] >= start[index] + gap).only_enforce_if(way)
+                if job.robots == other.robots == 1:
+                    more = _units(other.load_kg)
+                    model.add(carried[other_index] == carried[index] + more).only_enforce_if(way)
+        for pickup, delivery in deliveries:
+            model.add(mine[pickup] == mine[delivery])
         model.add_circuit(arcs)
         spent = cp_model.LinearExpr.sum(terms)
         model.add(spent <= _units(worker.usable_j))

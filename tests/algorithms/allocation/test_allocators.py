@@ -55,6 +55,8 @@ def problems(draw):
         after=draw(share),
         pairs=draw(share),
         driven=draw(share),
+        deliveries=draw(st.sampled_from([0.0, 0.0, 0.7])),
+        loads=draw(share),
         wait_w=draw(st.sampled_from([0.0, 0.0, 5.0])),
         late_start=draw(st.sampled_from([0.0, 30.0])),
         chargers=2,
@@ -64,7 +66,7 @@ def problems(draw):
         problem = msgspec.structs.replace(problem, horizon_s=draw(st.floats(0.0, 120.0)))
     if robots and tasks and draw(st.booleans()):
         # Some job is being done already, and some ways are missing.
-        first = msgspec.structs.replace(problem.jobs[0], pinned_to="r0", robots=1, after=())
+        first = msgspec.structs.replace(problem.jobs[0], pinned_to="r0", robots=1, after=(), same_worker_as="")
         energy_j = problem.energy_j.copy()
         energy_j[:, tasks - 1, :tasks] = np.inf
         problem = msgspec.structs.replace(problem, jobs=(first, *problem.jobs[1:]), energy_j=energy_j)
@@ -257,8 +259,10 @@ SIZES = [(2, 8), (4, 8), (6, 6)]
         {"tightness": 0.9},
         {"tightness": 0.9, "windows": 0.4, "needs": 0.3, "late_start": 20.0},
         {"tightness": 0.9, "windows": 0.4, "driven": 0.5},
+        {"tightness": 0.9, "windows": 0.3, "needs": 0.3, "deliveries": 1.0},
+        {"tightness": 0.9, "deliveries": 0.5, "loads": 0.7},
     ],
-    ids=["energy", "prizes", "windows and needs", "other ends"],
+    ids=["energy", "prizes", "windows and needs", "other ends", "deliveries", "loads"],
 )
 def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, kind):
     problem = team_problem(robots, tasks, 0, **kind)
@@ -270,9 +274,9 @@ def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, ki
     assert exact.value * (1 - 1e-5) <= plan.value <= exact.value * 1.005
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_better_than_the_exact_optimum_where_jobs_wait_for_each_other(seed):
-    problem = team_problem(3, 7, seed, tightness=0.9, after=0.3, pairs=0.3)
+    problem = team_problem(3, 7, seed, tightness=0.9, after=0.3, pairs=0.3, deliveries=0.3 * (seed % 2))
     exact = exact_plan(problem)
     assert exact is not None
     assert validate(problem, exact) == []

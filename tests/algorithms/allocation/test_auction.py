@@ -52,9 +52,14 @@ def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.
         np.stack([energy_j[profile[worker], :, charger[worker]] for worker in range(workers)]),
         np.stack([time_s[profile[worker], :, charger[worker]] for worker in range(workers)]),
         HORIZON_S,
+        np.full(workers, 5.0),
+        np.zeros(workers),
     )
     visits = VisitArrays(
         np.arange(count),
+        np.full(count, -1),
+        np.full(count, -1),
+        np.zeros(count),
         workers + np.arange(count),
         workers + np.arange(count),
         draw.uniform(20.0, 900.0, count),

@@ -1,3 +1,4 @@
+import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 
@@ -8,7 +9,7 @@ from robrain.algorithms.allocation.problem import Objective, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, Refused, lacks_plugins, no_path
 from tests.algorithms.allocation.test_allocators import problems
-from tests.algorithms.allocation.test_validate import job, line, worker
+from tests.algorithms.allocation.test_validate import PAIR, job, line, worker
 from tests.plain_reason import Plain
 
 
@@ -77,6 +78,37 @@ def test_bids_know_where_a_job_ends():
     problem = line([moved, after], [worker("r1", usable_j=20.0)])
     (bid,) = explain(problem, make_plan(problem, [["moved", "next"]], Objective.ENERGY), "next")
     assert (bid.energy_j, bid.arrives_in_s) == (1.0, 2.0)
+
+
+def test_robot_that_cannot_carry_a_load_says_so():
+    robots = [worker("r1", capacity_kg=1.0), worker("r2", capacity_kg=2.0), worker("r3", usable_j=3.0)]
+    for name, reason in (("get", Plain("full", load_kg=2.0)), ("put", Plain("full", load_kg=2.0))):
+        problem = line(PAIR, robots)
+        plan = AuctionAllocator().plan(problem)
+        bids = explain(problem, plan, name)
+        assert plan.orders == ((), ("get", "put"), ())
+        assert [bid.reason for bid in bids] == [reason, None, LacksEnergy(missing_j=1.0)]
+        assert chosen(bids) == ["r2"]
+    reason, _ = only_bids(line(PAIR, robots[:1]))
+    assert reason == NearestOut("r1", Plain("full", load_kg=2.0))
+
+
+def test_robots_that_may_not_do_half_a_pair_say_so():
+    pinned = msgspec.structs.replace(PAIR[0], pinned_to="r1")
+    problem = line([pinned, PAIR[1]], [worker("r1"), worker("r2")])
+    plan = AuctionAllocator().plan(problem)
+    assert plan.orders == (("get", "put"), ())
+    assert [bid.reason for bid in explain(problem, plan, "put")] == [None, Plain("not_holder")]
+    forbidden = msgspec.structs.replace(PAIR[1], forbidden_workers=frozenset({"r1"}))
+    problem = line([PAIR[0], forbidden], [worker("r1"), worker("r2")])
+    plan = AuctionAllocator().plan(problem)
+    assert [bid.reason for bid in explain(problem, plan, "get")] == [Plain("not_delivery"), None]
+
+
+def test_robot_that_holds_too_much_for_the_job_it_is_at_gives_it_back():
+    pinned = job("get", 1, load_kg=2.0, pinned_to="r1")
+    plan = AuctionAllocator().plan(line([pinned], [worker("r1", capacity_kg=3.0, load_kg=2.0)]))
+    assert [one.reason for one in plan.unassigned] == [Plain("holder_full", robot="r1")]
 
 
 def test_job_that_a_robot_is_at_has_no_bids():

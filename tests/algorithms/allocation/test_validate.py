@@ -26,6 +26,11 @@ def line(jobs, workers, **more):
     return Problem(jobs=tuple(jobs), workers=tuple(workers), energy_j=WAYS[None], time_s=WAYS[None], **more)
 
 
+PAIR = [job("get", 1, load_kg=2.0), job("put", 2, load_kg=-2.0, after=("get",), same_worker_as="get")]
+UNLOADED = [job("get", 1), job("put", 2, after=("get",), same_worker_as="get")]
+MORE = [job("get2", 1, load_kg=2.0), job("put2", 2, load_kg=-2.0, after=("get2",), same_worker_as="get2")]
+
+
 def faults(problem, *orders):
     plan = make_plan(problem, orders, Objective.ENERGY)
     assert plan is not None
@@ -45,6 +50,16 @@ def test_plan_with_nothing_wrong_has_no_faults():
         (line([job("a", 3, service_j=1.0)], [worker("r1", usable_j=6.9)]), [["a"]], "lacks 0.100 J"),
         # So does waiting.
         (line([job("a", 1, earliest_s=5.0)], [worker("r1", wait_w=1.0, usable_j=5.0)]), [["a"]], "lacks 1.000 J"),
+        (line([job("a", 1, load_kg=3.0)], [worker("r1", capacity_kg=2.0)]), [["a"]], "carries 3 kg after a, of 2 kg"),
+        (line([job("a", 1, load_kg=-1.0)], [worker("r1")]), [["a"]], "carries -1 kg after a"),
+        (line([job("a", 1, load_kg=1.0)], [worker("r1", capacity_kg=2.0, load_kg=1.5)]), [["a"]], "carries 2.5 kg"),
+        (
+            line(UNLOADED, [worker("r1"), worker("r2")]),
+            [["get"], ["put"]],
+            "put and get are not done by the same robot",
+        ),
+        (line(PAIR, [worker("r1")]), [["get"]], "put and get are not done by the same robot"),
+        (line([*PAIR, *MORE], [worker("r1", capacity_kg=3.0)]), [["get", "get2", "put", "put2"]], "carries 4 kg"),
         # The way to the charger begins where the job ends.
         (line([job("a", 1, end_place=4)], [worker("r1", usable_j=4.9)]), [["a"]], "lacks 0.100 J"),
         (line([job("a", 1, end_place=4), job("b", 5, latest_s=1.9)], [worker("r1")]), [["a", "b"]], "ends at 2.000 s"),
@@ -82,6 +97,15 @@ def test_figures_that_are_not_so_are_faults():
         assert any("which its route says otherwise" in fault for fault in validate(problem, changed)), change
 
 
+def test_loads_and_pairs_that_fit_have_no_faults():
+    assert faults(line([*PAIR, *MORE], [worker("r1", capacity_kg=4.0)]), ["get", "get2", "put", "put2"]) == []
+    assert faults(line([*PAIR, *MORE], [worker("r1", capacity_kg=2.0)]), ["get", "put", "get2", "put2"]) == []
+    # What a robot has in its gripper already must go with it, and may be left for a later plan.
+    pinned = msgspec.structs.replace(PAIR[0], pinned_to="r1")
+    assert faults(line([pinned, PAIR[1]], [worker("r1"), worker("r2")]), ["get"], []) == []
+    assert faults(line([pinned, PAIR[1]], [worker("r1"), worker("r2")]), ["get"], ["put"]) != []
+
+
 def test_orders_that_wait_for_each_other_make_no_plan():
     problem = line([job("a", 1), job("b", 2, after=("a",)), job("c", 3)], [worker("r1")])
     assert make_plan(problem, [["b", "a"]], Objective.ENERGY) is None
@@ -114,6 +138,12 @@ def test_robots_of_a_team_job_that_do_not_start_at_once_are_a_fault():
         (lambda: job("a", 1, robots=0), "robots"),
         (lambda: job("a", 1, robots=2, pinned_to="r1"), "one robot"),
         (lambda: Worker(name="r", start=0, ends=(), usable_j=1.0), "at least one place"),
+        (lambda: job("a", 1, load_kg=math.nan), "load_kg"),
+        (lambda: job("a", 1, load_kg=1.0, robots=2), "expected one robot"),
+        (lambda: job("a", 1, same_worker_as="b"), "expected b in `after`"),
+        (lambda: line([*PAIR, msgspec.structs.replace(PAIR[1], id="third")], []), "one pair"),
+        (lambda: worker("r", load_kg=3.0, capacity_kg=2.0), "load_kg"),
+        (lambda: worker("r", capacity_kg=math.nan), "load_kg"),
         (lambda: worker("r", usable_j=math.nan), "usable_j"),
         (lambda: line([job("a", 6)], []), "place from 0 to 5"),
         (lambda: line([job("a", 1, end_place=6)], []), "place from 0 to 5"),

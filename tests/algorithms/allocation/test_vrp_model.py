@@ -1,5 +1,6 @@
 """The model for PyVRP: what a robot may not do is forbidden by missing ways, or by loads where those are too many."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from robrain.algorithms.allocation.problem import Objective, Problem, make_array
 from robrain.algorithms.allocation.vrp_model import VrpModel, fill_matrix
 from robrain.algorithms.allocation.warm_up import warm_up
 from tests.algorithms.allocation.instances import team_problem
-from tests.algorithms.allocation.test_validate import job, line, worker
+from tests.algorithms.allocation.test_validate import MORE, PAIR, job, line, worker
 
 CAMERA, ARM = frozenset({"camera"}), frozenset({"arm"})
 
@@ -65,6 +66,36 @@ def test_a_robot_goes_as_far_as_its_energy_takes_it_there_and_back(usable_j, fit
 def test_path_after_a_job_begins_where_it_ends(usable_j, fits):
     jobs = [job("moved", 1, end_place=5), job("next", 5)]
     assert is_feasible(model_of(line(jobs, [worker("r1", usable_j=usable_j)])), [0, 1]) is fits
+
+
+@pytest.mark.parametrize(
+    ("orders", "capacity_kg", "fits"),
+    [
+        ([[0, 1, 2, 3], []], 2.0, True),
+        ([[0, 2, 1, 3], []], 2.0, False),
+        ([[0, 2, 1, 3], []], 4.0, True),
+        ([[0, 1], [2, 3]], 2.0, True),
+        ([[0, 1], [4]], 2.0, True),
+        ([[0, 4, 1], []], 2.4, False),
+        ([[4, 0, 1], []], 2.4, False),
+    ],
+)
+def test_loads_of_pairs_and_single_jobs_count_along_the_route(orders, capacity_kg, fits):
+    jobs = [*PAIR, *MORE, job("box", 3, load_kg=0.5)]
+    robots = [worker("r1", capacity_kg=capacity_kg), worker("r2", capacity_kg=capacity_kg)]
+    model = model_of(line(jobs, robots))
+    solution = model.solution(model.data, orders)
+    assert bool(solution.is_feasible()) is fits
+    assert model.orders(solution) == orders
+
+
+@pytest.mark.parametrize("most_cells", [0, 1e7])
+def test_both_halves_of_a_pair_need_what_either_needs(monkeypatch, most_cells):
+    monkeypatch.setattr(vrp_model, "MOST_CELLS", most_cells)
+    pair = [PAIR[0], msgspec.structs.replace(PAIR[1], needs=ARM)]
+    model = model_of(line(pair, [worker("r1"), worker("r2", offers=ARM)]))
+    assert not is_feasible(model, [0, 1], [])
+    assert is_feasible(model, [], [0, 1])
 
 
 @pytest.mark.parametrize(

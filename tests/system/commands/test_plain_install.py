@@ -68,7 +68,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("recover", ["run.mcap"], "team"),
     ("report", ["run.mcap"], "report"),
     ("export", ["run.mcap"], "team"),
-    ("bench allocation", ["--instance", "R101.txt"], "sim,team"),
+    ("bench allocation", ["R101.txt"], "sim,team"),
     ("coordinator", [], "navigation"),
     ("bench log", ["room.clf"], "sim,team"),
     ("bench exploration", [], "sim,team"),
