@@ -130,8 +130,8 @@ def insertion_at(
     """Cost of inserting a visit at a position of a worker's route. The load of a pickup with a delivery is not checked.
 
     Returns: The bid by the rule (additional joules, time of return, or minus the remaining energy) and the additional
-        joules. Both are infinite if a visit would be late, the load too large or there is no path; the bid alone if the
-        energy does not suffice.
+        joules. Both are infinite if a visit would be late, the load is too large or there is no path. If only the
+        energy does not suffice, the bid is infinite.
 
     """
     if visits.delivery[visit] < 0 and not carries(team, routes, worker, position, visits.load_kg[visit]):

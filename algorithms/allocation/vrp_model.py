@@ -1,7 +1,7 @@
 """A problem as a PyVRP model: visits are clients, workers are vehicle types, energy is distance.
 
-Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance; workers that are
-equal in everything are one type of several vehicles. Distances are joules and durations are seconds, both as integers:
+Each worker is a vehicle type of one vehicle with its own start, end, profile and maximum distance. Equal workers
+are one type of several vehicles. Distances are joules and durations are seconds, both as integers:
 a median path has `J_UNITS` and `S_UNITS`.
 
 Energy is rounded to the safe side: paths up, budgets down. A solution that is feasible in PyVRP is feasible in joules.

@@ -9,8 +9,15 @@ from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Objective
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.deploy.errors import InstanceError, UsageError
-from robrain.lab.bench.allocation import choose, run_bench
-from robrain.lab.bench.public import BEST_FILE, read_best, read_public, solve_alone, solve_public
+from robrain.lab.bench.allocation import (
+    BEST_FILE,
+    choose,
+    read_best,
+    read_public,
+    run_bench,
+    solve_alone,
+    solve_public,
+)
 
 R101 = Path(__file__).parents[1] / "algorithms" / "allocation" / "data" / "R101_25.txt"
 SQUARE = """NAME : {name}
@@ -106,7 +113,7 @@ def test_windows_and_capacity_of_pyvrp_alone_are_those_of_the_file(written):
 def test_best_known_value_and_number_of_vehicles_come_from_the_table(tmp_path, monkeypatch):
     table = tmp_path / "best.toml"
     table.write_text("[li_lim]\ntwo = [32.0, 1]\n")
-    monkeypatch.setattr("robrain.lab.bench.public.BEST_FILE", table)
+    monkeypatch.setattr("robrain.lab.bench.allocation.BEST_FILE", table)
     path = tmp_path / "TWO.txt"
     path.write_text(PAIRS.format(x=10))
     instance = read_public(path)
