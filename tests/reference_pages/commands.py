@@ -15,7 +15,8 @@ In `robrain shell` it clears the line; `exit` or Ctrl-D ends the shell. `robrain
 this page. Other pages: [robrain task](commands-task.md), [robrain mission](commands-mission.md),
 [robrain rule](commands-rule.md), [robrain zone](commands-zone.md), [robrain robot](commands-robot.md),
 [robrain plugin](commands-plugin.md), [robrain journal](commands-journal.md), [robrain pki](commands-pki.md),
-[robrain ros2](commands-ros2.md) and [robrain bench](commands-bench.md). The [commands for recordings](commands-recordings.md) have a page too.
+[robrain ros2](commands-ros2.md) and [robrain bench](commands-bench.md). The
+[commands for recordings](commands-recordings.md) have a page too.
 
 A distribution adds commands by an entry point of the group `robrain.commands`, which names a `typer.Typer`. An extra in
 brackets behind it is named to the user if a package is missing.

@@ -10,8 +10,8 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.rule import Rule, TaskOrder
-from robrain.protocol.model.tasks.schedule import Occurrences, ScheduleCondition
+from robrain.protocol.model.rules.rule import Rule, TaskOrder
+from robrain.protocol.model.rules.schedule import Occurrences, ScheduleCondition
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
