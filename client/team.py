@@ -12,12 +12,12 @@ Both have the same methods. Live, time passes by itself. In lockstep it passes o
 `wait`, `wait_all`, `run_for`, `act`, `events`, `readings`, `halt` and `resume`.
 """
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Self, TypeVar, Unpack, overload
+from typing import Any, Self, Unpack, overload
 
 import msgspec
 
+from robrain.client.fresh_ids import FreshIds
 from robrain.client.halting import HaltReport, TeamOrder, order_robot
 from robrain.client.members import LastStates, team_found
 from robrain.client.requests import Requests
@@ -25,22 +25,15 @@ from robrain.client.robot_calls import RobotCalls
 from robrain.client.submission import AS_SENT, BadTask, ChangeFields, TaskFields, TaskName, asked_task, id_of
 from robrain.client.transport import PATIENCE_S, Listening, LiveTransport, Transport, operator_name
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
+from robrain.protocol.errors import CallError, NobodyThere
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT_NOW, ExplorationLeft
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
 from robrain.protocol.messages.robots.plugin_messages import PluginInfo
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.messages.tasks.mission_messages import (
-    MISSION_CANCEL,
-    MISSION_LIST,
-    MISSION_START,
-    MissionCancel,
-    MissionList,
-    MissionStart,
-    MissionStatus,
-)
+from robrain.protocol.messages.tasks import mission_messages, rule_messages
+from robrain.protocol.messages.tasks.mission_messages import MissionList, MissionStart, MissionStatus
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.plan_messages import (
     COORDINATOR_OBJECTIVE,
@@ -48,12 +41,7 @@ from robrain.protocol.messages.tasks.plan_messages import (
     ObjectiveRequest,
     PlanningStatus,
 )
-from robrain.protocol.messages.tasks.rule_messages import (
-    COORDINATOR_RULES_CHANGE,
-    COORDINATOR_RULES_NOW,
-    RuleChange,
-    RuleTable,
-)
+from robrain.protocol.messages.tasks.rule_messages import RuleChange, RuleTable
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CHANGE,
     TASK_DRY_RUN,
@@ -93,64 +81,11 @@ from robrain.protocol.messages.team.zone_messages import (
 )
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.halt_latch import NAME_LENGTH, REASON_LENGTH
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.model.zone import Zone
-
-AcceptedT = TypeVar("AcceptedT", TaskRecord, MissionStatus)
-
-
-class FreshIds:
-    """Counts on, for each kind of task or mission, from the largest number that the team has.
-
-    Args:
-        known: ids of the tasks of a kind, or missions of a name, that the coordinator knows.
-        is_known: whether the coordinator knows a task of an id, of any kind.
-
-    """
-
-    def __init__(self, known: Callable[[str], Iterable[str]], is_known: Callable[[str], bool]) -> None:
-        self._known = known
-        self._is_known = is_known
-        self._next: dict[str, int] = {}
-
-    def submit(self, kind: str, submit: Callable[[str], AcceptedT], by: str) -> AcceptedT:
-        """Submit a task under the next free id.
-
-        If another client uses the id at the same moment, the coordinator refuses the request. If both requests are
-        equal, the coordinator answers with the other client's record. In both cases the next id is tried.
-
-        Args:
-            kind: kind of the task.
-            submit: submits the task under an id.
-            by: name of the requester.
-
-        Raises:
-            CallError: the task is refused for another reason.
-
-        """
-        if kind not in self._next:
-            self._next[kind] = 1 + max((_number(kind, task) for task in self._known(kind)), default=0)
-        while True:
-            task_id = f"{kind}-{self._next[kind]}"
-            try:
-                record = submit(task_id)
-            except CallError as error:
-                if error.code is not ErrorCode.REFUSED or not self._is_known(task_id):
-                    raise
-                self._next[kind] += 1
-                continue
-            self._next[kind] += 1
-            if record.by == by:
-                return record
-
-
-def _number(kind: str, task_id: str) -> int:
-    found = re.fullmatch(rf"{re.escape(kind)}-([0-9]{{1,9}})", task_id)
-    return int(found[1]) if found else 0
-
 
 STREAM_CHECK_S = 1.0
 """Period of the query for missed changes, in addition to the subscription."""
@@ -418,22 +353,22 @@ class Team(RobotCalls):
 
         def start(mission_id: str) -> MissionStatus:
             asked = MissionStart(id=mission_id, mission=mission, parameters=dict(parameters or {}), by=self.by)
-            return self._requests.coordinator(MISSION_START, asked)
+            return self._requests.coordinator(mission_messages.MISSION_START, asked)
 
         return self._mission_ids.submit(mission, start, self.by) if id is None else start(id)
 
     def missions(self) -> MissionList:
         """Return the missions that are open, and the last that ended, in the order of their starts."""
-        return self._requests.coordinator(MISSION_LIST, None)
+        return self._requests.coordinator(mission_messages.MISSION_LIST, None)
 
     def cancel_mission(self, mission: str | MissionStatus, why: str = "") -> MissionStatus:
         """Cancel a mission and its tasks (CallError if it has ended, or is unknown)."""
-        mission_id = mission if isinstance(mission, str) else mission.id
-        return self._requests.coordinator(MISSION_CANCEL, MissionCancel(id=mission_id, by=self.by, why=why))
+        asked = TaskRequest(id=mission if isinstance(mission, str) else mission.id, by=self.by, why=why)
+        return self._requests.coordinator(mission_messages.MISSION_CANCEL, asked)
 
     def rules(self) -> RuleTable:
         """Return the rules of the team, schedules included, and their states."""
-        return self._requests.coordinator(COORDINATOR_RULES_NOW, None)
+        return self._requests.coordinator(rule_messages.COORDINATOR_RULES_NOW, None)
 
     def change_rules(self, *put: Rule, remove: Iterable[str] = ()) -> RuleTable:
         """Add rules, in place of those with their names, and remove others. All others keep their states.
@@ -446,7 +381,7 @@ class Team(RobotCalls):
 
         """
         change = RuleChange(put=[*put], remove=[*remove], by=self.by)
-        return self._requests.coordinator(COORDINATOR_RULES_CHANGE, change)
+        return self._requests.coordinator(rule_messages.COORDINATOR_RULES_CHANGE, change)
 
     # -- planning ---------------------------------------------------------------------------------------------
 

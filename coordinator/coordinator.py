@@ -23,8 +23,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.rules.task_rules import TaskRules
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, TeamState
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.task import FREE_AFTER_S
 from robrain.protocol.reasons import IdleReason, plain
 from robrain.protocol.refusals import most_refused

@@ -10,8 +10,8 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.election import Elected
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.gc_pause import GcPause
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.workers import OwnedThread
 

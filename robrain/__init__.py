@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from robrain.protocol.messages.team.team_messages import TeamState
     from robrain.protocol.model.energy_model import Work
     from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
+    from robrain.protocol.model.rules.rule import Rule
     from robrain.protocol.model.tasks.objective import Objective
-    from robrain.protocol.model.tasks.rule import Rule
     from robrain.protocol.model.tasks.stock_kinds import TaskParameters
     from robrain.protocol.model.tasks.task import Task, TaskState
     from robrain.protocol.model.zone import Zone, ZoneKind
@@ -200,7 +200,7 @@ _NAMES = {
     "robrain.sim.scenarios.scenario": ("Scenario",),
     "robrain.sim.maps.surfaces": ("SurfaceSpec",),
     "robrain.protocol.messages.tasks.mission_messages": ("MissionStatus",),
-    "robrain.protocol.model.tasks.rule": ("Rule",),
+    "robrain.protocol.model.rules.rule": ("Rule",),
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names}
 

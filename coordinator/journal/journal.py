@@ -234,14 +234,7 @@ class Journal:
         return read_json(self._db, self.path, "parts", dict[str, Any])
 
     def record_part_state(self, part: str, state: msgspec.Struct, alarm: JournalAlarm | None = None) -> None:
-        """Store the state of a part of the coordinator in place of its last one (JournalUnwritable).
-
-        Args:
-            part: its name.
-            state: its state.
-            alarm: source for which a rule has changed it; kept if and only if the state is.
-
-        """
+        """Store a part's state in place of its last, and the alarm of a rule that changed it (JournalUnwritable)."""
         alarms = [] if alarm is None else [alarm]
         self._record(JournalEntry(seq=0, parts={part: msgspec.to_builtins(state)}, alarms=alarms), durable=True)
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from robrain.client.submission import BadTask, ZoneOf, any_zone, submission_of
 from robrain.protocol.messages.tasks.task_messages import TaskSubmission
-from robrain.protocol.model.tasks.mission import MISSION, Mission, MissionStep, check_missions
-from robrain.protocol.model.tasks.template import Values, fill
+from robrain.protocol.model.rules.mission import MISSION, Mission, MissionStep, check_missions
+from robrain.protocol.model.rules.template import Values, fill
 
 
 def task_id_of(mission_id: str, step: str, attempt: int = 1) -> str:

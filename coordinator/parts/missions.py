@@ -21,19 +21,18 @@ from robrain.protocol.messages.tasks.mission_messages import (
     MISSION_CANCEL,
     MISSION_LIST,
     MISSION_START,
-    MissionCancel,
     MissionStart,
     MissionState,
     MissionStatus,
     StepState,
     StepStatus,
 )
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.messages.team.team_messages import TeamState
-from robrain.protocol.model.tasks.mission import MISSION, FailurePolicy, Mission, MissionOrder, MissionStep, check_order
+from robrain.protocol.model.rules.mission import MISSION, FailurePolicy, Mission, MissionOrder, MissionStep, check_order
+from robrain.protocol.model.rules.template import fill
 from robrain.protocol.model.tasks.task import Parameters, TaskState
-from robrain.protocol.model.tasks.template import fill
 from robrain.protocol.model.zone import Zone
 from robrain.protocol.reasons import cancelled, plain
 from robrain.protocol.wire.endpoint import Deferred, Request, Serve
@@ -176,8 +175,6 @@ class Missions(CoordinatorPart):
             self._put(started, alarm)
         except (ValueError, BadName, JournalUnwritable) as error:
             raise CallError(ErrorCode.REFUSED, str(error)) from error
-        self._seen_version = -1
-        self.core.assign_soon()
 
     # -- requests -------------------------------------------------------------------------------------------
 
@@ -193,22 +190,20 @@ class Missions(CoordinatorPart):
         self.start(asked.id, MissionOrder(name=asked.mission, parameters=asked.parameters), asked.by or request.by)
         return self._once_kept(asked.id)
 
-    def _cancel(self, request: Request[MissionCancel]) -> Deferred[MissionStatus]:
+    def _cancel(self, request: Request[TaskRequest]) -> Deferred[MissionStatus]:
         asked = request.asked
         self._check_may_change(asked.id)
         known = self._missions.get(asked.id)
         if known is None:
             raise CallError(ErrorCode.REFUSED, f"there is no mission {asked.id}")
-        if known.state.ended and known.state is not MissionState.CANCELLED:
+        if known.state is MissionState.CANCELLED:
+            return self._once_kept(asked.id)
+        if known.state.ended:
             raise CallError(ErrorCode.REFUSED, f"mission {asked.id} has ended already: it is {known.state}")
-        if not known.state.ended:
-            by = asked.by or request.by
-            try:
-                self._end(known, MissionState.CANCELLED, str(cancelled(by, asked.why)))
-            except JournalUnwritable as error:
-                raise CallError(ErrorCode.REFUSED, f"mission {asked.id} is not cancelled: {error}") from error
-            self._seen_version = -1
-            self.core.assign_soon()
+        try:
+            self._end(known, MissionState.CANCELLED, str(cancelled(asked.by or request.by, asked.why)))
+        except JournalUnwritable as error:
+            raise CallError(ErrorCode.REFUSED, f"mission {asked.id} is not cancelled: {error}") from error
         return self._once_kept(asked.id)
 
     def _once_kept(self, mission_id: str) -> Deferred[MissionStatus]:
@@ -357,7 +352,8 @@ class Missions(CoordinatorPart):
             if last[each.mission.name] != each.id:
                 del missions[each.id]
         self.store(StoredMissions(missions=missions), alarm)
-        self._missions = missions
+        self._missions, self._seen_version = missions, -1
+        self.core.assign_soon()
         self.core.report_soon()
 
 

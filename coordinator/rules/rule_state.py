@@ -11,7 +11,7 @@ from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.model.tasks.rule import EventCondition, Per, ReadingCondition, Rule, ScheduleCondition
+from robrain.protocol.model.rules.rule import EventCondition, Per, ReadingCondition, Rule, ScheduleCondition
 
 RUNS_MAX = 16
 """Older runs are forgotten."""
@@ -156,7 +156,7 @@ NAMED = 3
 def waits_for(rule: Rule) -> str:
     """The condition of a rule and the kind of its task, or its mission, as a phrase.
 
-    >>> from robrain.protocol.model.tasks.rule import TaskOrder
+    >>> from robrain.protocol.model.rules.rule import TaskOrder
     >>> heat = ReadingCondition(quantity="temperature_c", above=26.0, for_s=10.0, clear_at=24.0)
     >>> waits_for(Rule(name="heat", reading=heat, task=TaskOrder(kind="visit")))
     'temperature_c above 26 for 10 s; then visit'

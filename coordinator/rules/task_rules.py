@@ -36,11 +36,12 @@ from robrain.protocol.messages.team.team_messages import TeamState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.recurrence import Occurrences
-from robrain.protocol.model.tasks.rule import EventCondition, ReadingCondition, Rule, TaskOrder, check_rules
+from robrain.protocol.model.rules.rule import EventCondition, ReadingCondition, Rule, TaskOrder, check_rules
+from robrain.protocol.model.rules.template import Values, fill
 from robrain.protocol.model.tasks.task import Task
-from robrain.protocol.model.tasks.template import Values, fill
 from robrain.protocol.reasons import PlainReason, plain
 from robrain.protocol.refusals import RefusalCode
+from robrain.protocol.topic import Topic
 from robrain.protocol.wire.endpoint import Request, Serve
 
 INBOX_MAX = 2048
@@ -97,8 +98,7 @@ class TaskRules(CoordinatorPart):
         self._of_quantity: dict[str, list[tuple[RuleState, ReadingCondition]]] = {}
         self._of_event: dict[tuple[str, str], list[tuple[RuleState, EventCondition]]] = {}
         self._schedules: dict[str, tuple[RuleState, Occurrences]] = {}
-        self._subscribed: set[tuple[str, str]] = set()
-        """Plugin and event of each subscription; both are empty for that of readings."""
+        self._subscribed: set[tuple[str, ...]] = set()
         changes = self.stored(RuleChanges).rules
         self._table = ChangedTable("rule", changes, self._check, lambda rules: self.store(RuleChanges(rules=rules)))
         self._table.load(rules)
@@ -153,22 +153,18 @@ class TaskRules(CoordinatorPart):
             name, reading, event = rule_state.rule.name, rule_state.rule.reading, rule_state.rule.event
             if reading is not None:
                 self._of_quantity.setdefault(reading.quantity, []).append((rule_state, reading))
-                self._subscribe_once("", "")
+                self._subscribe_once(MOTE_READING)
             if event is not None:
                 self._of_event.setdefault((event.plugin, event.event), []).append((rule_state, event))
-                self._subscribe_once(event.plugin, event.event)
+                self._subscribe_once(ROBOT_EVENT, plugin=event.plugin, event=event.event)
             if rule_state.rule.schedule is not None:
                 new = (rule_state, Occurrences(rule_state.rule.schedule, self._now_ns))
                 self._schedules[name] = schedules[name] if name in same else new
 
-    def _subscribe_once(self, plugin: str, event: str) -> None:
-        if (plugin, event) in self._subscribed:
-            return
-        self._subscribed.add((plugin, event))
-        if plugin:
-            self.subscribe(ROBOT_EVENT, plugin=plugin, event=event)
-        else:
-            self.subscribe(MOTE_READING)
+    def _subscribe_once(self, topic: Topic[Any], **names: str) -> None:
+        if (key := (topic.name, *names.values())) not in self._subscribed:
+            self._subscribed.add(key)
+            self.subscribe(topic, **names)
 
     def _restored(self, rules: Sequence[Rule]) -> list[RuleState]:
         """The rules in the state that the journal has."""

@@ -14,7 +14,7 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus, RuleTable
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.rule import Rule
 
 rule_app = typer.Typer(
     rich_help_panel=OPERATE,

@@ -32,9 +32,9 @@ from robrain.protocol.clock import steps
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.witness_messages import WITNESSES_MAX
 from robrain.protocol.model.ranges import NAME_MAX, cut
-from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.objective import Objective
-from robrain.protocol.model.tasks.rule import Rule
 from robrain.protocol.wire.hub import team_endpoints
 
 PERIOD_S = 0.01

@@ -10,8 +10,8 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
 from robrain.protocol.model.checked import convert
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule, check_rules
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule, check_rules
 from robrain.protocol.toml_text import LARGE, read_toml
 
 Tables = TypeVar("Tables", bound=msgspec.Struct)

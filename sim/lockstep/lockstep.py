@@ -34,8 +34,8 @@ from robrain.protocol.messages.team.arena_messages import ArenaTruth, LinkCounte
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.reasons import IdleReason
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import LEASE_MS, listening_at, open_lockstep_session

@@ -20,8 +20,8 @@ from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec, faults_refusal

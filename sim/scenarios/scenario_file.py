@@ -16,8 +16,8 @@ from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import unknown_name
 from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule, check_rules
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule, check_rules
 from robrain.protocol.registry import Registry
 from robrain.protocol.toml_text import LARGE, parse_toml, read_toml_text
 from robrain.sim.errors import ScenarioError

@@ -13,7 +13,7 @@ from robrain.deploy.processes.arena_process import write_robot_files
 from robrain.deploy.processes.children import Child, Children
 from robrain.deploy.processes.live_process import ANY_PORT, open_hub
 from robrain.deploy.processes.table_files import RuleTables, write_rules
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.wire.session import listening_at
 from robrain.sim.scenarios.scenario import Scenario
 from tests.bench.processes import wait_for

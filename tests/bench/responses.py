@@ -27,7 +27,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotSt
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.rule import EventCondition, ReadingCondition, Rule, TaskOrder
+from robrain.protocol.model.rules.rule import EventCondition, ReadingCondition, Rule, TaskOrder
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.wire.endpoint import Endpoint
 from tests.bench.live_team import live_room

@@ -2,7 +2,7 @@
 
 import pytest
 
-from robrain.client.team import FreshIds
+from robrain.client.fresh_ids import FreshIds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D

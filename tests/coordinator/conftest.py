@@ -28,8 +28,8 @@ from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, Team
 from robrain.protocol.model.energy_model import EnergyModel
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Drive, Endpoint

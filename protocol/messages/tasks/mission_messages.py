@@ -2,16 +2,17 @@
 
 from enum import StrEnum
 from types import NoneType
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from robrain.protocol.errors import ErrorCode
+from robrain.protocol.messages.tasks.task_messages import TaskRequest
 from robrain.protocol.model.ranges import Name, Names, Stamp, Text
-from robrain.protocol.model.tasks.mission import STEPS_MAX
+from robrain.protocol.model.rules.mission import STEPS_MAX
 from robrain.protocol.model.tasks.task import Parameters
-from robrain.protocol.topic import Q, Query, R, Urgency
+from robrain.protocol.topic import Query, Urgency
 
 
 class MissionState(StrEnum):
@@ -87,21 +88,12 @@ class MissionStart(msgspec.Struct, frozen=True, kw_only=True):
     """Name of the requester."""
 
 
-class MissionCancel(msgspec.Struct, frozen=True, kw_only=True):
-    """Cancel a mission, and its tasks."""
-
-    id: Name
-    by: Text = ""
-    why: Text = ""
-
-
-def _mission_query(verb: str, request: type[Q], reply: type[R], doc: str, **more: Any) -> Query[Q, R]:
-    return Query(f"task/mission/{verb}", doc, request, reply, alias=f"mission_{verb}", urgency=Urgency.INTERACTIVE_HIGH,
-                 errors=(ErrorCode.REFUSED,), **more)  # fmt: skip
-
-
-MISSION_START = _mission_query("start", MissionStart, MissionStatus, "Start a mission: replies its state")
-MISSION_CANCEL = _mission_query("cancel", MissionCancel, MissionStatus, "Cancel a mission and its tasks")
-MISSION_LIST = _mission_query(
-    "list", NoneType, list[MissionStatus], "Open missions, and the last that ended", reads_only=True
-)
+MISSION_START = Query(
+    "task/mission/start", "Start a mission: replies its state", MissionStart, MissionStatus, alias="mission_start",
+    urgency=Urgency.INTERACTIVE_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
+MISSION_CANCEL = Query(
+    "task/mission/cancel", "Cancel a mission and its tasks", TaskRequest, MissionStatus, alias="mission_cancel",
+    urgency=Urgency.INTERACTIVE_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
+MISSION_LIST = Query(
+    "task/mission/list", "Open missions, and the last that ended", NoneType, list[MissionStatus], alias="mission_list",
+    urgency=Urgency.INTERACTIVE_HIGH, reads_only=True)  # fmt: skip

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.ranges import Count, Name, Names, Stamp, Text
-from robrain.protocol.model.tasks.rule import RULES_MAX, Rule
+from robrain.protocol.model.rules.rule import RULES_MAX, Rule
 from robrain.protocol.topic import Query, Urgency
 
 

@@ -135,7 +135,7 @@ class TaskRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TaskRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A query about one task: cancel, get, why."""
+    """A query about one task: cancel, get, why; or one mission: cancel."""
 
     id: Name
     by: Text = ""

@@ -57,8 +57,8 @@ def test_a_step_comes_after_the_one_before_it_unless_it_says_which():
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ('name = "round"\n', 'name = "my.round"\n', "missions[0]: expected a mission with a name without dots"),
-        ('name = "gate"', 'name = "the gate"', "missions[0]: mission round, step the gate: "),
+        ('name = "round"\n', 'name = "my.round"\n', "missions[0].name: Expected `str` matching regex"),
+        ('name = "gate"', 'name = "the gate"', "missions[0].steps[0].name: Expected `str` matching regex"),
         ('name = "gate"', 'name = "floor"', "step floor: expected a name that no parameter and no other step has"),
         ('name = "look"', 'name = "gate"', "step gate: expected a name that no parameter and no other step has"),
         ("repeats = 2", "repeats = -1", "missions[0].steps[0]: expected repeats >= 0, got -1"),

@@ -13,7 +13,6 @@ from robrain.protocol.messages.tasks.mission_messages import (
     MISSION_CANCEL,
     MISSION_LIST,
     MISSION_START,
-    MissionCancel,
     MissionStart,
     MissionState,
     MissionStatus,
@@ -21,7 +20,7 @@ from robrain.protocol.messages.tasks.mission_messages import (
 )
 from robrain.protocol.messages.tasks.task_messages import TASK_CANCEL, TaskFilter, TaskRequest
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
 
@@ -61,7 +60,7 @@ class MissionTeam:
         return self.team.ask(MISSION_START, asked, MissionStatus)
 
     def cancel(self, id="m1", why="rain"):
-        return self.team.ask(MISSION_CANCEL, MissionCancel(id=id, by="me", why=why), MissionStatus)
+        return self.team.ask(MISSION_CANCEL, TaskRequest(id=id, by="me", why=why), MissionStatus)
 
     def status(self, id="m1"):
         return next(one for one in self.team.ask(MISSION_LIST, None, list[MissionStatus]) if one.id == id)

@@ -17,8 +17,8 @@ from robrain.protocol.messages.tasks.rule_messages import (
 )
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 
 NO_PLANS = PlanningPolicy(method=NEAREST)
 """What a rule makes does not depend on how it is planned."""

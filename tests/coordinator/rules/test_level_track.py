@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.rules.rule_state import RATE_READINGS_MAX, RUNS_MAX, SILENT_NS, Class, LevelTrack, TrackTable
 from robrain.protocol.clock import to_ns
-from robrain.protocol.model.tasks.rule import ReadingCondition
+from robrain.protocol.model.rules.rule import ReadingCondition
 
 GAP_NS = to_ns(10.0)
 

@@ -5,7 +5,7 @@ import pytest
 
 from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.errors import CallError
-from robrain.protocol.model.tasks.mission import Mission
+from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.tasks.task import TaskState
 from tests.coordinator.rules.sensed_team import SensedTeam, rule
 

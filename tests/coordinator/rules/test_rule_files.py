@@ -4,7 +4,7 @@ import pytest
 
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.table_files import RuleTables, read_rules, write_rules
-from robrain.protocol.model.tasks.template import check_template, fill
+from robrain.protocol.model.rules.template import check_template, fill
 from robrain.sim.errors import ScenarioError
 from robrain.sim.scenarios.scenario import Scenario
 
@@ -47,7 +47,7 @@ def test_a_file_is_read_and_written_and_read_again(tmp_path):
         ("above = 26.0", "above = 26.0\nfor = 8.0", "rules[0].reading: Object contains unknown field `for`"),
         ("above = 26.0", "above = 1.0\narea = {x_min_m = 2.0, y_min_m = 0.0, x_max_m = 1.0, y_max_m = 1.0}",
          "rules[0].reading.area: expected x_min_m below x_max_m"),
-        ('name = "heat"', 'name = "too hot"', "rules[0]: "),
+        ('name = "heat"', 'name = "too hot"', "rules[0].name: Expected `str` matching regex"),
         (READING, "", "expected one of reading, event and schedule, got none"),
         ("[rules.task]", '[rules.event]\nplugin = "p"\nevent = "e"\n[rules.task]', "got reading and event"),
         ("{quantity}", "{colour}", "rule heat: task.parameters.quantity: expected one of {quantity}, {value}"),

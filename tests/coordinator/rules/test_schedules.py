@@ -11,7 +11,7 @@ from robrain.protocol.messages.tasks.rule_messages import RuleStatus
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.recurrence import Occurrences
-from robrain.protocol.model.tasks.rule import Rule, ScheduleCondition, TaskOrder
+from robrain.protocol.model.rules.rule import Rule, ScheduleCondition, TaskOrder
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport

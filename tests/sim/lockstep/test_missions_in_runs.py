@@ -11,8 +11,8 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.tasks.mission_messages import MissionState, MissionStatus
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.mission import Mission
-from robrain.protocol.model.tasks.rule import Rule
+from robrain.protocol.model.rules.mission import Mission
+from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import FloorDrawing

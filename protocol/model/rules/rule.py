@@ -28,16 +28,14 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.errors import BadName
-from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.ranges import Duration, Metres, Name, PositiveDuration, Priority, Quantity
+from robrain.protocol.model.ranges import Duration, KeyName, Metres, Name, PositiveDuration, Priority, Quantity
 from robrain.protocol.model.recurrence import Recurrence
-from robrain.protocol.model.tasks.mission import Mission, MissionOrder, check_order
+from robrain.protocol.model.rules.mission import Mission, MissionOrder, check_order
+from robrain.protocol.model.rules.template import Values, check_templates, fill, names_in
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS, check_parameters
 from robrain.protocol.model.tasks.task import BadParameters, Needs, Parameters, Task
-from robrain.protocol.model.tasks.template import Values, check_templates, fill, names_in
 
 RULES_MAX = 256
 BY = "rule:"
@@ -256,7 +254,7 @@ class Per(StrEnum):
 class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[rules]]`: a task or a mission, and one of `[rules.reading]`, `[rules.event]` and `[rules.schedule]`."""
 
-    name: Name
+    name: KeyName
     """Letters, digits, `_`, `-` and `.`; its tasks are called by it."""
     task: TaskOrder | None = None
     mission: MissionOrder | None = None
@@ -273,10 +271,6 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            check_name("rule", self.name)
-        except BadName as error:
-            raise ValueError(str(error)) from error
         given = [name for name in TRIGGERS if getattr(self, name) is not None]
         if len(given) != 1:
             got = " and ".join(given) or "none"

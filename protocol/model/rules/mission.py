@@ -29,12 +29,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from robrain.protocol.errors import BadName
-from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.ranges import Name
+from robrain.protocol.model.rules.template import check_templates
 from robrain.protocol.model.tasks.task import Parameters
-from robrain.protocol.model.tasks.template import check_templates
 
 MISSIONS_MAX = 256
 STEPS_MAX = 64
@@ -42,6 +40,10 @@ MISSION = "mission"
 """Name of a mission's id among the values of its templates."""
 OWN_FIELDS = ("id", "after")
 """Fields of tasks that the mission sets."""
+
+
+PlainName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_-]{0,62}$")]
+"""Letters, digits, `_` and `-`."""
 
 
 class FailurePolicy(StrEnum):
@@ -65,8 +67,8 @@ class MissionOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class MissionStep(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[missions.steps]]`: one task of a mission."""
 
-    name: Name
-    """Letters, digits, `_` and `-`; the task is called by it."""
+    name: PlainName
+    """The task is called by it."""
     task: Parameters
     """Kind and fields of the task, as in a file of tasks, without `id` and `after`."""
     after: Annotated[tuple[Name, ...], Meta(max_length=STEPS_MAX)] | None = None
@@ -80,15 +82,14 @@ class MissionStep(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True
 class Mission(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[missions]]`: a mission that can be started by its name."""
 
-    name: Name
-    """Letters, digits, `_` and `-`; what is started is called by it."""
+    name: PlainName
+    """What is started is called by it."""
     parameters: Parameters = msgspec.field(default_factory=dict)
     """Its parameters, with their default values."""
     steps: Annotated[tuple[MissionStep, ...], Meta(min_length=1, max_length=STEPS_MAX)]
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_plain_name("mission", self.name)
         above: list[str] = []
         for step in self.steps:
             try:
@@ -98,7 +99,6 @@ class Mission(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
             above.append(step.name)
 
     def _check_step(self, step: MissionStep, above: Sequence[str]) -> None:
-        _check_plain_name("step", step.name)
         if step.name in (MISSION, *self.parameters, *above):
             raise ValueError("expected a name that no parameter and no other step has")
         if unknown := [name for name in step.after or () if name not in above]:
@@ -124,15 +124,6 @@ class Mission(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         for above in reversed(self.steps):
             found.update(self.after(above) if above.name in found else ())
         return found
-
-
-def _check_plain_name(what: str, name: str) -> None:
-    try:
-        check_name(what, name)
-    except BadName as error:
-        raise ValueError(str(error)) from error
-    if "." in name:
-        raise ValueError(f"expected a {what} with a name without dots, got {name}")
 
 
 def check_order(where: str, order: MissionOrder, missions: Mapping[str, Mission]) -> None:

@@ -1,0 +1,1 @@
+"""Rules, schedules and missions: what the coordinator makes tasks of."""
