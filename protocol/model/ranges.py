@@ -60,7 +60,7 @@ Stamp = Annotated[int, Meta(ge=-STAMP_MAX, le=STAMP_MAX)]
 
 Name = Annotated[str, Meta(max_length=NAME_MAX)]
 """Name of a robot, mote, plugin, task or person. Names in keys are checked by `check_name` as well."""
-KeyName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,62}$")]
+KeyName = Annotated[str, Meta(max_length=63, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$(?!\n)")]
 """Name that can be one chunk of a key, as `check_name` checks it."""
 Text = Annotated[str, Meta(max_length=TEXT_MAX)]
 Names = Annotated[list[Name], Meta(max_length=10_000)]

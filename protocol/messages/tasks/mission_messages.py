@@ -64,11 +64,13 @@ class MissionStatus(msgspec.Struct, frozen=True, kw_only=True):
     at: Names = []
     """Steps that it is at; if it has failed, the step that failed."""
     steps: Annotated[list[StepStatus], Meta(max_length=STEPS_MAX)] = []
+    """All of its steps, in order; none in the team's summary."""
     why: Text = ""
     """Why it has failed or was cancelled, in words."""
     by: Text = ""
     """Name of the requester."""
     started_ns: Stamp = 0
+    """When it started."""
     ended_ns: Stamp = 0
     """0 if it has not ended."""
 

@@ -41,6 +41,7 @@ class RuleTable(msgspec.Struct, frozen=True, kw_only=True):
     """All rules of the team."""
 
     rules: RuleList
+    """In the order of the file, then those that were added."""
     states: Annotated[list[RuleStatus], Meta(max_length=RULES_MAX)]
     """Of each rule, in the same order."""
 

@@ -42,7 +42,7 @@ OWN_FIELDS = ("id", "after")
 """Fields of tasks that the mission sets."""
 
 
-PlainName = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_-]{0,62}$")]
+PlainName = Annotated[str, Meta(max_length=63, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_-]*$(?!\n)")]
 """Letters, digits, `_` and `-`."""
 
 
@@ -83,7 +83,7 @@ class Mission(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[missions]]`: a mission that can be started by its name."""
 
     name: PlainName
-    """What is started is called by it."""
+    """Started missions are named after it."""
     parameters: Parameters = msgspec.field(default_factory=dict)
     """Its parameters, with their default values."""
     steps: Annotated[tuple[MissionStep, ...], Meta(min_length=1, max_length=STEPS_MAX)]

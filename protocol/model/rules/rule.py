@@ -55,9 +55,13 @@ class Area(Checked, frozen=True, forbid_unknown_fields=True):
     """A rectangle of the floor, arena frame."""
 
     x_min_m: Metres
+    """Least x."""
     y_min_m: Metres
+    """Least y."""
     x_max_m: Metres
+    """Greatest x."""
     y_max_m: Metres
+    """Greatest y."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -196,6 +200,7 @@ class TaskOrder(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     place: Name = ""
     """Name of a zone, in place of `place_m`; the task is done at its centre."""
     priority: Priority = 1.0
+    """Reward for doing it."""
     deadline_s: PositiveDuration | None = None
     """Time from the making of the task by which it must be done."""
     service_s: Duration = 0.0
@@ -260,8 +265,11 @@ class Rule(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     mission: MissionOrder | None = None
     """The mission that is started in place of a task."""
     reading: ReadingCondition | None = None
+    """Readings of motes that trigger it."""
     event: EventCondition | None = None
+    """Events of plugins that trigger it."""
     schedule: ScheduleCondition | None = None
+    """Times that trigger it."""
     per: Per = Per.MOTE
     """After a task the rule makes none until it is armed again: for each mote by itself, or for the whole team."""
     cooldown_s: Duration = 60.0
