@@ -32,6 +32,7 @@ from robrain.algorithms.navigation.navigation_grid import NavigationGrid, Swath,
 from robrain.algorithms.navigation.obstacles import contact_distance_m, hold_off, passage, sector_distances_m
 from robrain.algorithms.navigation.path_planning import (
     distance_field,
+    measured_field,
     nearest_traversable,
     plan_path,
     shorten_path,
@@ -130,7 +131,7 @@ def _paths() -> None:
     path = plan_path(traversable, cost, start, (3, 0))
     if path is not None:
         shorten_path(path, traversable)
-    distance_field(traversable, cost, np.array([[3, 0]]))
+    measured_field(distance_field(traversable, cost, np.array([[3, 0]])), traversable, cost, cost)
 
 
 def _navigation_grid() -> None:

@@ -160,6 +160,7 @@ class DoorShut(Reason, frozen=True, tag="door_shut"):
     sentence = "the door {door} does not open"
 
     door: Name
+    """The name of its zone."""
 
 
 class RobotHalted(Reason, frozen=True, tag="robot_halted"):

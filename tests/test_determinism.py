@@ -33,6 +33,8 @@ EXCEPTIONS: dict[str, str] = {
         "measures a robot in bring-up; no plugin of a run reads it",
     ),
     "coordinator/planning/remedies.py: scipy.ndimage.label": "numbers regions, for replies that are not recorded",
+    "algorithms/mapping/zone_grid.py: scipy.ndimage.binary_dilation": "sets cells; it computes no numbers",
+    "algorithms/mapping/zone_grid.py: scipy.ndimage.minimum_filter": "chooses among numbers; it computes none",
     "plugins/device/ros2/scan_reader.py: np.arctan2": "reads what a ROS 2 robot reports, in live alone",
 }
 """Permitted uses as `file: name`, each with the reason."""

@@ -19,7 +19,7 @@ from robrain.agent.authoring.skeleton import write_skeleton
 from robrain.agent.plugin import Level
 from tests.product import FOLDERS, ROOT
 
-MAX_LINES = 600
+MAX_LINES = 660
 """A file goes into its only importer below this length."""
 MAY_GROW = ("docs/reference/scenarios.md", "docs/reference/topics.md", "CHANGELOG.md")
 """As long as the tables that they are printed from."""

@@ -88,7 +88,7 @@ ROWS: Mapping[Order, tuple[AccessAction, WireKey]] = MappingProxyType(
 """Access action and topic of each order on the wire."""
 HOST_NAMES = frozenset({"host", "command", "tcp_socket", "interactive_shell"})
 """Names of plugins behind which the host itself is."""
-MOVERS = frozenset({"driver", "mocdevice", "wander", "idle", "home"})
+MOVERS = frozenset({"driver", "mocdevice", "wander", "follow", "idle", "home"})
 """Plugins whose functions move or stop a robot, or send it to a place without a task."""
 READS: Mapping[str, frozenset[str]] = MappingProxyType(
     {

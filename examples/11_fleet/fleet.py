@@ -8,9 +8,7 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from robrain import Scenario, Team
-from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.model.zone import Zone, ZoneKind
+from robrain import Scenario, TaskState, Team, Zone, ZoneKind
 
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 7200.0
 RECORDING = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("fleet.mcap")

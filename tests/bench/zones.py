@@ -54,15 +54,8 @@ def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
     return plan.centre_of(row, column)
 
 
-KINDS = (
-    ZoneKind.KEEP_OUT,
-    ZoneKind.SPEED_LIMIT,
-    ZoneKind.PENALTY,
-    ZoneKind.RESERVED,
-    ZoneKind.PLACE,
-    ZoneKind.KEEP_OUT,
-)
-LATER_KINDS = (ZoneKind.DIRECTED, ZoneKind.NO_STOPPING)
+KINDS = (ZoneKind.KEEP_OUT, ZoneKind.SPEED_LIMIT, ZoneKind.PENALTY, ZoneKind.PLACE, ZoneKind.KEEP_OUT)
+LATER_KINDS = (ZoneKind.DIRECTED, ZoneKind.NO_STOPPING, ZoneKind.RESERVED)
 """From random numbers of their own, so that the other zones are those of earlier versions."""
 POLL_S, AGAINST_M, STANDS_M, STAYS_S = 0.5, 0.1, 0.01, 10.0
 

@@ -69,11 +69,14 @@ ALLOWED = {
     "task show v1": (0, "v1: done"),
     "task why v1": (0, "done"),
     "task cancel v1": (2, "task v1 has ended already"),
+    "task change v1 --priority 2": (2, "v1"),
     "task objective makespan": (0, "makespan"),
     "task charges": (0, "no robot charges"),
     "journal backup": (0, "blue.journal.backups"),
     "robot hold r1 --reason cleaning": (0, "r1: out of service"),
     "robot release r1": (0, "r1: in service"),
+    "robot pause r1": (0, "r1: "),
+    "robot resume r1": (0, "r1: in service"),
     "robot retire r9": (2, "no such robot is known"),
     "zone list": (0, "the team has no zones"),
     "rule put rules.toml": (0, "night: FREQ=DAILY"),
@@ -95,7 +98,10 @@ SERVING = {
     "dashboard --port 0": ("dashboard hall", "dashboard: http://", 0),
 }
 """Commands that run until Ctrl-C: each with the member that runs it, a line that it prints, and the exit status."""
-PARTS = ("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "ros2 gateway", "bench estimates")
+PARTS = (
+    *("router", "arena", "agent", "coordinator", "record", "replay", "bringup", "bench estimates"),
+    *("ros2 gateway", "vda5050 vehicle", "vda5050 fleet", "door"),
+)
 """Commands that `BlueTeam` starts or other tests run; `bench estimates` sends the same queries as `task`."""
 REFUSED = {
     "status": (0, "r1"),

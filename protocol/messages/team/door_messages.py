@@ -23,6 +23,7 @@ class DoorState(Message, frozen=True, kw_only=True):
     door: Name
     """The name of its zone."""
     position: DoorPosition
+    """As its controller reports it."""
     opening_s: Seconds = 0.0
     """Time that it usually takes to open."""
     why: Text = ""

@@ -21,7 +21,9 @@ class ZoneTurn(msgspec.Struct, frozen=True):
     """A zone that begins or ends."""
 
     zone: Name
+    """Its name."""
     at_ns: Stamp
+    """When it begins, or ends if it holds now."""
 
 
 class Zones(Message, frozen=True, kw_only=True):

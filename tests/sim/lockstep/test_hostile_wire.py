@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 
 QUERIES = [row for row in all_rows() if isinstance(row, Query)]
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
-NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
+NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar", "door": "gate"}
 EXAMPLES, BATCH = 5, 5
 REFUSED_CODES = {"malformed", "too_large", "wrong_name", "from_future"}
 

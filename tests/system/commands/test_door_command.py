@@ -10,7 +10,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from robrain.client.door_keeper import DoorUnavailable
-from robrain.deploy.commands.door_commands import ModbusDoor
+from robrain.deploy.processes.modbus_door import ModbusDoor
 from robrain.protocol.clock import LiveClock
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState

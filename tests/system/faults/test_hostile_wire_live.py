@@ -29,7 +29,7 @@ from tests.waiting import PATIENCE_S, until
 pytestmark = pytest.mark.system
 
 NAMES = {"robot": "r1", "mote": "m1", "plugin": "driver", "function": "stop", "verb": "hold", "event": "e"}
-NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar"}
+NAMES |= {"image": "i", "recorder": "rec_x", "channel": "can0", "line": "lidar", "door": "gate"}
 ROUNDS = 3
 SETTLED_ROUNDS = 2
 """Rounds after which a process has whatever buffers it needs for large payloads."""

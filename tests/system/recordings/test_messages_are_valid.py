@@ -79,6 +79,8 @@ def ask_from_outside(run: LockstepRun, team: Team) -> None:
         replies = other.get(key, zenoh.handlers.FifoChannel(1), payload=b"[]")
         reply = until(replies.try_recv, "a call from outside has no reply", step=lambda: team.run_for(0.02))
     assert reply.ok is not None
+    run.wire.publisher(DOOR_STATE, door="gate").put(DoorState(door="gate", position=DoorPosition.CLOSED))
+    team.run_for(0.5)
 
 
 def told(path: Path, topic: str) -> list[Any]:
