@@ -43,7 +43,7 @@ def team_problem(
         after: share with a predecessor.
         pairs: share for two robots at once.
         driven: share that ends at the place of another task.
-        deliveries: share of the tasks in pairs of a pickup and its delivery; robots then carry 3 to 8 kg.
+        deliveries: share of the tasks in pairs of a pickup and its delivery; robots then carry 3 or 4 kg.
         loads: share of the other tasks that load something, or unload what a robot has on board.
         wait_w: what waiting draws.
         late_start: robots are ready up to this many seconds late.
@@ -125,7 +125,7 @@ def team_problem(
     if deliveries or loads:
         for index in range(0, tasks - 1, 2):
             if jobs[index].robots == jobs[index + 1].robots == 1 and rng.random() < deliveries:
-                load_kg, pickup, delivery = float(rng.integers(0, 4)), jobs[index], jobs[index + 1]
+                load_kg, pickup, delivery = float(rng.integers(0, 5)), jobs[index], jobs[index + 1]
                 jobs[index] = msgspec.structs.replace(pickup, load_kg=load_kg)
                 after = tuple({*delivery.after, pickup.id})
                 jobs[index + 1] = msgspec.structs.replace(
@@ -136,7 +136,7 @@ def team_problem(
             if job.id not in paired and job.robots == 1 and rng.random() < loads:
                 jobs[index] = msgspec.structs.replace(job, load_kg=float(rng.choice([-1.5, 1.0, 2.5])))
         for index, worker in enumerate(workers):
-            capacity_kg = float(rng.integers(3, 9))
+            capacity_kg = float(rng.integers(3, 5))
             load_kg = float(rng.integers(0, 4)) if loads else 0.0
             workers[index] = msgspec.structs.replace(worker, capacity_kg=capacity_kg, load_kg=load_kg)
     return Problem(jobs=tuple(jobs), workers=tuple(workers), energy_j=energy_j, time_s=time_s)

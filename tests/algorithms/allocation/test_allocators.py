@@ -55,7 +55,7 @@ def problems(draw):
         after=draw(share),
         pairs=draw(share),
         driven=draw(share),
-        deliveries=draw(st.sampled_from([0.0, 0.0, 0.7])),
+        deliveries=draw(st.sampled_from([0.0, 0.7])),
         loads=draw(share),
         wait_w=draw(st.sampled_from([0.0, 0.0, 5.0])),
         late_start=draw(st.sampled_from([0.0, 30.0])),
