@@ -10,9 +10,12 @@ import zenoh
 from mcap.reader import make_reader
 
 from robrain import BatterySpec, ChargerSpec, RobotHardware, Scenario, Team
+from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition, DoorState
 from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.protocol.table.topics import all_topics, topic_of
+from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_session
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.world.link_spec import LinkSpec
@@ -79,7 +82,8 @@ def ask_from_outside(run: LockstepRun, team: Team) -> None:
         replies = other.get(key, zenoh.handlers.FifoChannel(1), payload=b"[]")
         reply = until(replies.try_recv, "a call from outside has no reply", step=lambda: team.run_for(0.02))
     assert reply.ok is not None
-    run.wire.publisher(DOOR_STATE, door="gate").put(DoorState(door="gate", position=DoorPosition.CLOSED))
+    keeper = Endpoint(run.session, DEFAULT_TEAM, run.clock, Drive.LOCKSTEP)
+    keeper.publisher(DOOR_STATE, door="gate").put(DoorState(door="gate", position=DoorPosition.CLOSED))
     team.run_for(0.5)
 
 
