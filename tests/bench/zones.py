@@ -100,7 +100,7 @@ def run_set(number: int) -> Counter[str]:
                 found["accepted in a zone"] += bool(names)
             except CallError as error:
                 found["refused"] += any(zone.name in str(error) for zone in shut)
-        stood_s = _follow(run, team, *later, shut, found)
+        stood_s = _follow(run, team, *later[:2], shut, found)
         found["stays"] += sum(each_s >= STAYS_S for each_s in stood_s)
         for index in inside:
             place = Point2D(run.arena.bodies[index].x_m, run.arena.bodies[index].y_m)

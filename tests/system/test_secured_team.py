@@ -86,6 +86,7 @@ ALLOWED = {
     "mission start round": (2, "there is no mission round"),
     "mission cancel round-1": (2, "there is no mission round-1"),
     "zone put zones.toml": (0, "dock: keep out"),
+    "zone mask dock mask.yaml": (2, "mask.yaml"),
     "zone remove dock": (0, "the team has no zones"),
     "top --once": (0, "coordinator"),
     "doctor": (0, "the certificate of operator:blue:ann"),
