@@ -22,7 +22,7 @@ LOGGED_MAX = 5
 KEY_LENGTH = 120
 REASON_LENGTH = 200
 OTHERS = "others"
-SHOWN = 32
+SHOWN = 64
 """Combinations in one message, most frequent first."""
 
 

@@ -93,6 +93,11 @@ class AreaGate:
         is_usable = any(self.waited_at in area.doors for area in self._view().areas)
         return "" if is_usable and not self.has_waited_too_long else self.waited_at
 
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the robot has requested areas."""
+        return self._has_requests
+
     def limit(self, ahead: Floats) -> int:
         """Request the areas on a path, release all others, and return how many of its positions (N, 2) are open."""
         last, self.wait = self.wait, None

@@ -406,7 +406,7 @@ class Travel:
 
     def stop(self) -> None:
         """Stop, and publish this. Areas are released, but those that the robot may still roll into."""
-        if not self.lost:  # a lost robot may be in any of them
+        if self._gate.is_in_use and not self.lost:  # a lost robot may be in any of them
             pose, leg = self.pose(), self._leg
             self._gate.limit(_here(pose) if leg is None else leg.path.ahead(pose.x_m, pose.y_m, ROLL_M))
         self.forget()
