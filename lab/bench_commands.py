@@ -34,7 +34,9 @@ JsonFileOption = Annotated[Path | None, typer.Option("--json", help="Write runs 
 def allocation(
     instances: Annotated[
         list[Path],
-        typer.Argument(metavar="FOLDER|FILES", help="Public instances: VRPLIB, Solomon, Homberger, or Li and Lim."),
+        typer.Argument(
+            metavar="FOLDER|FILES", help="Public instances: VRPLIB, Solomon, Homberger, Li and Lim, or Schneider."
+        ),
     ],
     seconds: Annotated[float, typer.Option(help="Seconds of CPU time for each search.")] = 5.0,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,

@@ -32,6 +32,7 @@ from robrain.algorithms.allocation.insertion import (
 )
 from robrain.algorithms.allocation.plan import Plan, Route, make_plan
 from robrain.algorithms.allocation.problem import (
+    LARGEST,
     Objective,
     Problem,
     ProblemArrays,
@@ -177,6 +178,9 @@ class AuctionAllocator:
     ) -> tuple[Plan, dict[str, PlanReason | None]]:
         """Hold one auction: a plan without reasons, and the known reasons. `rng` only affects coupled jobs."""
         arrays = make_arrays(problem)
+        # Bids do not know charges within routes. `repaired` then removes the jobs that no charges make feasible.
+        is_charging = arrays.team.charge_w > 0
+        arrays.team.usable_j[is_charging] = LARGEST
         routes = empty_routes(arrays.team, arrays.visits)
         open_visits = np.ones(len(arrays.visits.job), np.bool_)
         reason = place_coupled(problem, arrays, routes, open_visits, rule, rng) if problem.coupled else {}
@@ -193,7 +197,12 @@ class AuctionAllocator:
             drop_unprofitable(team, visits, routes, open_visits, kept)
             hold_auction(team, visits, routes, open_visits, rule, choice)
             drop_unprofitable(team, visits, routes, open_visits, kept)
-        return plan_of(problem, arrays, routes, self.objective), _by_id(problem, reason)
+        plan = plan_of(problem, arrays, routes, self.objective)
+        if is_charging.any():
+            plan = repaired(problem, plan.orders, self.objective) or plan_of(
+                problem, arrays, empty_routes(team, visits), self.objective
+            )
+        return plan, _by_id(problem, reason)
 
 
 class GreedyAllocator:

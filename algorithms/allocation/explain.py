@@ -301,7 +301,10 @@ def _reason(problem: Problem, arrays: ProblemArrays, routes: RouteBatch, job: Jo
 
 
 def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> RouteBatch:
-    """A plan's routes in the kernels' form, without pinned jobs."""
+    """A plan's routes in the kernels' form, without pinned jobs.
+
+    Charges within a route count as energy at its start; their time does not count.
+    """
     rows: dict[str, list[int]] = {}
     for visit, index in enumerate(arrays.visits.job):
         rows.setdefault(problem.jobs[index].id, []).append(visit)
@@ -310,5 +313,6 @@ def routes_of(problem: Problem, arrays: ProblemArrays, plan: Plan) -> RouteBatch
         order = [rows[stop.job].pop(0) for stop in route.stops if stop.job in rows]
         routes.order[worker, : len(order)] = order
         routes.length[worker] = len(order)
+        arrays.team.usable_j[worker] += sum(charge.gained_j for charge in route.charges)
         refresh(arrays.team, arrays.visits, routes, worker)
     return routes

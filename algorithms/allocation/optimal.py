@@ -7,14 +7,14 @@ Features that PyVRP's model does not have are handled around it:
 - makespan and least remaining energy: PyVRP has neither as an objective. A limit is tightened step by step. Each search
   starts from the best plan so far, which slightly violates the new limit;
 - energy used while waiting (`Worker.wait_w`): plans are made without it, then corrected by leaving jobs out;
-- recharging: a plan ends at the charger, and the next plan begins there.
+- charges within routes: with `Worker.chargers`, `RuinRecreate` searches instead of PyVRP.
 
 Every result is scheduled and checked in floats before it is used.
 """
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ from robrain.algorithms.allocation.coupling import HORIZON_SHARE, Windows, windo
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Objective, Problem, ProblemArrays, make_arrays
+from robrain.algorithms.allocation.ruin_recreate import RuinRecreate
 from robrain.algorithms.allocation.vrp_model import J_UNITS, MAX_PENALTY, S_UNITS, VrpModel
 
 NEIGHBOURS = 20
@@ -206,6 +207,10 @@ COUPLED_FRUITLESS = 60
 """As `FRUITLESS`, where jobs are coupled and other times for them are tried."""
 MODEL_S_PER_CELL = 1e-7
 """Building a model took 0.07 s for 4 profiles of 1,100² paths; this is four times that, for a busy machine."""
+COUPLED_SHARE = 0.3
+"""Share of the effort for each search with charges, where jobs are coupled and other times for them are tried."""
+OUTWEIGHS = 1e6
+"""Factor of prizes that makes them outweigh any path."""
 CHECK_S_PER_JOB = 4e-5
 """Converting and checking a solution took 6 ms for 1,000 jobs; this is several times that, for a busy machine."""
 
@@ -257,6 +262,8 @@ class _Improvement:
         self._searches = 0
         self._auction = AuctionAllocator(first.objective)
         self._kept_model: tuple[Windows, VrpModel, VrpSearch] | None = None
+        self._may_be_complete = True
+        """Whether no search failed to find a plan with every visit."""
 
     def run(self) -> Plan:
         """Search until the effort is spent."""
@@ -281,7 +288,11 @@ class _Improvement:
         return self._effort.left_iterations > 0 and self._effort.left_s > self._model_s + 2 * self._check_s
 
     def _save_energy(self) -> None:
-        """Search alternately from the best plan and from random ones, until neither improves or the effort is spent."""
+        """Search alternately from the best plan and from random ones, until neither improves or the effort is spent.
+
+        While the best plan leaves visits out, searches from random plans require every visit. Optional visits make a
+        search accept plans without them too soon. The first such search that fails is the last one.
+        """
         fruitless = attempt = 0
         random_start_s = RANDOM_S_PER_CELL * len(self._arrays.visits.job) ** 2
         while fruitless < (COUPLED_FRUITLESS if self._is_coupled else FRUITLESS) and self._has_time:
@@ -332,12 +343,16 @@ class _Improvement:
         effort = self._effort
         is_limited = math.isfinite(end_s) or left_j > 0
         base = base or self.best
-        windows, model, search = self._model(base, end_s if math.isfinite(end_s) else base.makespan_s * HORIZON_SHARE)
+        room_s = end_s if math.isfinite(end_s) else base.makespan_s * HORIZON_SHARE
+        if self._arrays.team.charger.size:
+            return self._is_better(self._recharged(base, room_s, share, end_s, left_j))
+        windows, model, search = self._model(base, room_s)
         data = model.limited(end_s, left_j) if is_limited else model.data
+        is_complete = is_random and self.best.lost_prize_j > 0 and self._may_be_complete
         start = model.solution(data, self._visits_of(base, windows.rows.tolist()))
         lost = start.uncollected_prizes()
         found = search.run(
-            data,
+            model.complete() if is_complete else data,
             None if is_random else start,
             effort,
             self._seed + 1000 * self._searches,
@@ -347,14 +362,41 @@ class _Improvement:
             is_enough=(lambda solution: solution.uncollected_prizes() <= lost) if is_limited else None,
         )
         self._searches += 1
-        if found is None:
-            return False
+        self._may_be_complete = self._may_be_complete and not (is_complete and found is None)
+        return found is not None and self._is_better(self._named(windows, model.orders(found)))
+
+    def _recharged(self, base: Plan, room_s: float, share: float, end_s: float, left_j: float) -> list[list[str]]:
+        """As `_search`, with charges within routes; returns ids of jobs for each worker."""
+        windows = windows_of(self._problem, self._arrays, base, SHARES[self._searches % len(SHARES)], room_s)
+        team, visits = self._arrays.team, windows.visits
+        limited = team._replace(
+            horizon_s=min(end_s, team.horizon_s), usable_j=team.usable_j - left_j, full_j=team.full_j - left_j
+        )
+        if self.best.objective is not Objective.ENERGY:
+            visits = visits._replace(prize_j=visits.prize_j * OUTWEIGHS)
+        search = RuinRecreate(limited, visits, windows.required)
+        start = self._visits_of(base, windows.rows.tolist())
+        orders = search.run(
+            start,
+            self._effort,
+            self._seed + 1000 * self._searches,
+            share=min(share, COUPLED_SHARE) if self._is_coupled else share,
+            end_left_s=self._check_s,
+        )
+        self._searches += 1
+        return self._named(windows, orders)
+
+    def _named(self, windows: Windows, orders: Sequence[Sequence[int]]) -> list[list[str]]:
+        """Ids of the jobs for each worker, from rows of the windows' visits."""
         jobs = self._arrays.visits.job
-        orders = [
+        return [
             [self._problem.jobs[index].id for index in pinned]
             + [self._problem.jobs[jobs[windows.rows[visit]]].id for visit in visits]
-            for pinned, visits in zip(self._arrays.pinned, model.orders(found), strict=True)
+            for pinned, visits in zip(self._arrays.pinned, orders, strict=True)
         ]
+
+    def _is_better(self, orders: Sequence[Sequence[str]]) -> bool:
+        """Keep the plan of these orders if it is better than the best so far."""
         plan = repaired(self._problem, orders, self.best.objective)
         if plan is None or not plan.rank < self.best.rank:
             return False

@@ -116,6 +116,12 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
     """Greatest load."""
     load_kg: float = 0.0
     """Load at the start."""
+    chargers: tuple[int, ...] = ()
+    """Places where it may charge between two jobs, always to `full_j`; empty if it charges only at the end."""
+    full_j: float = 0.0
+    """As `usable_j`, after a charge."""
+    charge_w: float = 0.0
+    """Power of a charge."""
 
     def __post_init__(self) -> None:
         if not self.ends:
@@ -129,6 +135,11 @@ class Worker(msgspec.Struct, frozen=True, kw_only=True):
             )
         if not math.isfinite(self.usable_j):
             raise ValueError(f"worker {self.name}: expected a finite usable_j, got {self.usable_j}")
+        if self.chargers and not (0 < self.full_j <= LARGEST and 0 < self.charge_w <= LARGEST):
+            raise ValueError(
+                f"worker {self.name}: expected a full_j and a charge_w > 0, as it has chargers, got {self.full_j}"
+                f" and {self.charge_w}"
+            )
 
 
 class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -176,8 +187,8 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         if len(set(pickups)) != len(pickups) or any(self.pickup(self.jobs[self.job_index[name]]) for name in pickups):
             raise ValueError("expected each job in one pair of same_worker_as at most")
         for worker in self.workers:
-            if worker.start not in places or any(end not in places for end in worker.ends):
-                raise ValueError(f"worker {worker.name}: expected start and ends from 0 to {shape[1] - 1}")
+            if any(place not in places for place in (worker.start, *worker.ends, *worker.chargers)):
+                raise ValueError(f"worker {worker.name}: expected start, ends and chargers from 0 to {shape[1] - 1}")
             if worker.profile not in range(shape[0]):
                 raise ValueError(f"worker {worker.name}: expected a profile from 0 to {shape[0] - 1}")
 
@@ -249,6 +260,14 @@ class TeamArrays(NamedTuple):
     """(W,)"""
     load_kg: Floats
     """At the start."""
+    charger: Indices
+    """(C,) places where some worker may charge between visits."""
+    charges: NDArray[np.bool_]
+    """(W, C) whether the worker may charge there."""
+    full_j: Floats
+    """(W,) usable joules after a charge."""
+    charge_w: Floats
+    """(W,) power of a charge; 0 without chargers."""
 
 
 class VisitArrays(NamedTuple):
@@ -307,21 +326,7 @@ class ProblemArrays(NamedTuple):
 
 def make_arrays(problem: Problem) -> ProblemArrays:
     """Convert the structs to arrays."""
-    ends = [nearest_ends(problem, worker) for worker in range(len(problem.workers))]
-    team = TeamArrays(
-        np.ascontiguousarray(problem.energy_j, np.float64),
-        np.ascontiguousarray(problem.time_s, np.float64),
-        np.array([worker.profile for worker in problem.workers], np.int64),
-        np.array([worker.start for worker in problem.workers], np.int64),
-        np.array([worker.ready_s for worker in problem.workers], np.float64),
-        np.array([worker.usable_j for worker in problem.workers], np.float64),
-        np.array([worker.wait_w for worker in problem.workers], np.float64),
-        np.array([energy for energy, _, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
-        np.array([time for _, time, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
-        float(problem.horizon_s),
-        np.array([worker.capacity_kg for worker in problem.workers], np.float64),
-        np.array([worker.load_kg for worker in problem.workers], np.float64),
-    )
+    team = team_arrays(problem)
     pinned, refused = _finish_running(problem, team)
     running = {index for index, job in enumerate(problem.jobs) if job.pinned_to}
     jobs = [index for index, job in enumerate(problem.jobs) if index not in running for _ in range(job.robots)]
@@ -364,6 +369,32 @@ def make_arrays(problem: Problem) -> ProblemArrays:
         allowed,
     )
     return ProblemArrays(team, visits, pinned, refused)
+
+
+def team_arrays(problem: Problem) -> TeamArrays:
+    """Convert the workers to arrays, in the state before their pinned jobs."""
+    ends = [nearest_ends(problem, worker) for worker in range(len(problem.workers))]
+    chargers = sorted({place for worker in problem.workers for place in worker.chargers})
+    return TeamArrays(
+        np.ascontiguousarray(problem.energy_j, np.float64),
+        np.ascontiguousarray(problem.time_s, np.float64),
+        np.array([worker.profile for worker in problem.workers], np.int64),
+        np.array([worker.start for worker in problem.workers], np.int64),
+        np.array([worker.ready_s for worker in problem.workers], np.float64),
+        np.array([worker.usable_j for worker in problem.workers], np.float64),
+        np.array([worker.wait_w for worker in problem.workers], np.float64),
+        np.array([energy for energy, _, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
+        np.array([time for _, time, _ in ends]).reshape(len(ends), problem.energy_j.shape[1]),
+        float(problem.horizon_s),
+        np.array([worker.capacity_kg for worker in problem.workers], np.float64),
+        np.array([worker.load_kg for worker in problem.workers], np.float64),
+        np.array(chargers, np.int64),
+        np.array([[place in worker.chargers for place in chargers] for worker in problem.workers], np.bool_).reshape(
+            len(problem.workers), len(chargers)
+        ),
+        np.array([worker.full_j for worker in problem.workers], np.float64),
+        np.array([worker.charge_w if worker.chargers else 0.0 for worker in problem.workers], np.float64),
+    )
 
 
 def nearest_ends(problem: Problem, worker_index: int) -> tuple[Floats, Floats, Indices]:

@@ -29,6 +29,8 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
     for position, stop in enumerate(route.stops):
         job = problem.jobs[problem.job_index[stop.job]]
         faults += _check_fit(worker, job, position, [other.job for other in route.stops[:position]], problem)
+        charged, now_s, place, left_j = _check_charges(problem, worker, route, position, (now_s, place, left_j))
+        faults += charged
         arrive_s = now_s + float(problem.time_s[worker.profile, place, job.place])
         if not math.isfinite(arrive_s):
             faults.append(f"{worker.name} has no way to {job.id}")
@@ -53,6 +55,8 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
     if route.end_place not in worker.ends:
         faults.append(f"{worker.name} ends at place {route.end_place}, which is none of its chargers")
         return faults
+    charged, now_s, place, left_j = _check_charges(problem, worker, route, len(route.stops), (now_s, place, left_j))
+    faults += charged
     now_s += float(problem.time_s[worker.profile, place, route.end_place])
     left_j -= float(problem.energy_j[worker.profile, place, route.end_place])
     if not left_j >= -SLACK:
@@ -62,6 +66,32 @@ def _check_route(problem: Problem, worker: Worker, route: Route) -> list[str]:
     if not (abs(left_j - route.left_j) <= SLACK and abs(now_s - route.end_s) <= SLACK):
         faults.append(f"{worker.name} ends at {now_s:.3f} s with {left_j:.3f} J, which its route says otherwise")
     return faults
+
+
+def _check_charges(
+    problem: Problem, worker: Worker, route: Route, position: int, state: tuple[float, int, float]
+) -> tuple[list[str], float, int, float]:
+    """Follow the charges before a stop; returns the faults, and time, place and energy after the last one."""
+    faults = []
+    now_s, place, left_j = state
+    for charge in route.charges:
+        if charge.before != position:
+            continue
+        if charge.place not in worker.chargers:
+            faults.append(f"{worker.name} charges at place {charge.place}, which is none of its chargers")
+        now_s += float(problem.time_s[worker.profile, place, charge.place])
+        left_j -= float(problem.energy_j[worker.profile, place, charge.place])
+        if not left_j >= -SLACK:
+            faults.append(f"{worker.name} lacks {-left_j:.3f} J on the way to place {charge.place}")
+        gained_j = worker.full_j - left_j
+        end_s = now_s + gained_j / worker.charge_w if worker.charge_w > 0 else math.inf
+        differences = (charge.arrive_s - now_s, charge.end_s - end_s, charge.gained_j - gained_j)
+        if not all(abs(difference) <= SLACK for difference in differences):
+            faults.append(
+                f"{worker.name} charges {gained_j:.3f} J from {now_s:.3f} s to {end_s:.3f} s, not as reported"
+            )
+        now_s, place, left_j = end_s, charge.place, worker.full_j
+    return faults, now_s, place, left_j
 
 
 def _check_fit(worker: Worker, job: Job, position: int, before: list[str], problem: Problem) -> list[str]:
@@ -130,4 +160,5 @@ def _check_sums(problem: Problem, plan: Plan) -> list[str]:
 
 def _spent_j(problem: Problem, plan: Plan) -> float:
     both = zip(problem.workers, plan.routes, strict=True)
-    return sum(worker.usable_j - route.left_j for worker, route in both if route.stops)
+    gained_j = sum(charge.gained_j for route in plan.routes for charge in route.charges)
+    return gained_j + sum(worker.usable_j - route.left_j for worker, route in both if route.stops)

@@ -106,6 +106,7 @@ class VrpModel:
         required: NDArray[np.bool_],
         objective: Objective,
     ) -> None:
+        self._problem, self._visits, self._objective = problem, visits, objective
         self._team, self._load_kg = arrays.team, visits.load_kg
         self._count = len(visits.job)
         equal: dict[tuple[object, ...], list[int]] = {}
@@ -151,6 +152,12 @@ class VrpModel:
     def limited(self, end_s: float = math.inf, left_j: float = 0.0) -> ProblemData:
         """The same model with every worker at its charger by `end_s`, with at least `left_j` left."""
         return self.data.replace(vehicle_types=self._vehicles(end_s, left_j))
+
+    def complete(self) -> ProblemData:
+        """The same model with every visit required."""
+        required = np.ones(self._count, np.bool_)
+        clients, shipments = self._clients(self._problem, self._visits, required, self._objective)
+        return self.data.replace(clients=clients, shipments=shipments)
 
     def solution(self, data: ProblemData, orders: Sequence[Sequence[int]]) -> Solution:
         """A solution from each worker's visits in order."""

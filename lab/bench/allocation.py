@@ -1,15 +1,16 @@
 """Gaps of task allocation to the best known solutions of public routing instances, beside PyVRP alone.
 
 A customer becomes a job, a vehicle a robot that starts and ends at the depot, distance energy. With time windows,
-distance is time too. A pair of pickup and delivery becomes two jobs of one robot. A file's content tells its format:
-VRPLIB (https://github.com/PyVRP/VRPLIB), Solomon's, or Li and Lim's. Gehring and Homberger use Solomon's.
+distance is time too. A pair of pickup and delivery becomes two jobs of one robot, a recharging station a charger. A
+file's content tells its format: VRPLIB (https://github.com/PyVRP/VRPLIB), Solomon's, Li and Lim's, or Schneider's.
+Gehring and Homberger use Solomon's.
 """
 
 import math
 import statistics
 import time
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,13 @@ from robrain.lab.bench.mapping_plan import BenchPlan, run_all
 from robrain.protocol.reasons import sentence_of
 
 BEYOND_PYVRP_PERCENT = at_most(1.0)
+CHARGING_GAP_PERCENT = at_most(2.0)
 SUFFIXES = (".txt", ".vrp")
-DECIMALS = {"solomon": 1, "vrplib": 0, "li_lim": 4}
+DECIMALS = {"solomon": 1, "vrplib": 0, "li_lim": 4, "schneider": 4}
 """Decimals of a distance in published values. Solomon's set cuts after the first decimal (Kohl and others, 2-Path
 Cuts for the Vehicle Routing Problem with Time Windows, Transportation Science 33(1), 1999). TSPLIB's EUC_2D rounds to
-an integer (Reinelt, TSPLIB - A Traveling Salesman Problem Library, ORSA J. Computing 3(4), 1991). Li and Lim's set has
-distances in floats, and PyVRP alone gets them with four decimals, rounded up.
+an integer (Reinelt, TSPLIB - A Traveling Salesman Problem Library, ORSA J. Computing 3(4), 1991). Li and Lim's and
+Schneider's sets have distances in floats, and PyVRP alone gets them with four decimals, rounded up.
 """
 BEST_FILE = Path(__file__).with_name("best_known.toml")
 PRIZE_FACTOR = 4.0
@@ -86,8 +88,8 @@ def read_public(path: Path) -> PublicInstance:
     known: list[float] = next((each[name] for each in _best_known() if (name := path.stem.lower()) in each), [])
     try:
         lines = path.read_text().split("\n")
-        kind = "vrplib" if ":" in lines[0] else "li_lim" if len(lines[0].split()) == 3 else "solomon"
-        found = _read_li_lim(lines) if kind == "li_lim" else vrplib.read_instance(path, instance_format=kind)
+        kind = _kind(lines[0])
+        found = READERS[kind](lines) if kind in READERS else vrplib.read_instance(path, instance_format=kind)
         if len(known) > 1:
             found["vehicles"] = min(int(found["vehicles"]), int(known[1]))
     except OSError as error:
@@ -252,6 +254,39 @@ def _read_li_lim(lines: list[str]) -> dict[str, Any]:
     }
 
 
+def _read_schneider(lines: list[str]) -> dict[str, Any]:
+    """Depot, stations and customers; then battery, capacity, consumption, inverse charging rate and velocity."""
+    rows = [words for line in lines[1:] if len(words := line.split()) == 8]
+    rows.sort(key=lambda words: "dcf".index(words[1]))  # customers are numbered from 1, in the order of the file
+    figures = {line[0]: float(line.split("/")[1]) for line in lines if line.count("/") == 2}
+    table = np.array([[float(word) for word in words[2:]] for words in rows])
+    stations = sum(words[1] == "f" for words in rows)
+    if [words[1] for words in rows].count("d") != 1 or not stations or figures["v"] != 1.0:
+        raise ValueError("expected one depot, stations, and a velocity of 1")
+    return {
+        "capacity": figures["C"],
+        "edge_weight": np.hypot(*(table[:, None, :2] - table[None, :, :2]).transpose(2, 0, 1)),
+        "demand": table[:, 2],
+        "time_window": table[:, 3:5],
+        "service_time": table[:, 5],
+        "stations": stations,
+        "vehicles": len(rows) - 1 - stations,
+        "range": figures["Q"] / figures["r"],
+        "charge_rate": 1.0 / (figures["g"] * figures["r"]),
+    }
+
+
+READERS: dict[str, Callable[[list[str]], dict[str, Any]]] = {"li_lim": _read_li_lim, "schneider": _read_schneider}
+"""Formats that VRPLIB's package does not read."""
+
+
+def _kind(first_line: str) -> str:
+    words = first_line.split()
+    if words[:1] == ["StringID"]:
+        return "schneider"
+    return "vrplib" if ":" in first_line else "li_lim" if len(words) == 3 else "solomon"
+
+
 def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstance:
     if "edge_weight" not in found:
         raise ValueError("EDGE_WEIGHT_TYPE: expected distances, got none")
@@ -262,8 +297,13 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
         if key in found:
             raise ValueError(f"{key.upper()}_SECTION: not supported by the allocators' model")
     distances = np.asarray(found["edge_weight"], dtype=np.float64)
-    distances = distances if "pickup" in found else _rounded(distances, decimals)
+    distances = distances if decimals > 1 else _rounded(distances, decimals)
     count = len(distances)
+    stations = int(found.get("stations", 0))
+    charging: dict[str, Any] = {}
+    if stations:
+        chargers = tuple(range(count - stations, count))
+        charging = {"chargers": chargers, "full_j": found["range"], "charge_w": found["charge_rate"]}
     windows = np.asarray(found.get("time_window", np.tile([0.0, math.inf], (count, 1))), dtype=np.float64)
     service_s = np.broadcast_to(np.asarray(found.get("service_time", 0.0), dtype=np.float64), (count,))
     prize = PRIZE_FACTOR * float(distances.max()) * 2 + 1.0
@@ -284,9 +324,9 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
             after=(f"c{pickups[customer]}",) if pickups[customer] else (),
             same_worker_as=f"c{pickups[customer]}" if pickups[customer] else "",
         )
-        for customer in range(1, count)
+        for customer in range(1, count - stations)
     )
-    longest = float(found.get("vehicles_max_distance", math.inf))
+    longest = float(found.get("range", found.get("vehicles_max_distance", math.inf)))
     # DISTANCE there limits a route's length and service together, which is its duration here.
     horizon_s = min(float(windows[0][1]), float(found.get("distance", math.inf)))
     workers = tuple(
@@ -296,6 +336,7 @@ def _instance(path: Path, found: dict[str, Any], decimals: int) -> PublicInstanc
             ends=(0,),
             usable_j=min(longest, float(2 * distances.sum()) + 1.0),
             capacity_kg=float(found.get("capacity", math.inf)),
+            **charging,
         )
         for number in range(_vehicles(path, found, count))
     )
@@ -335,7 +376,8 @@ class AllocationRun(msgspec.Struct, frozen=True, kw_only=True):
 
     case: AllocationCase
     robrain: PublicResult
-    pyvrp: PublicResult
+    pyvrp: PublicResult | None
+    """None with recharging stations, which PyVRP's model does not have."""
 
 
 def choose(paths: Sequence[Path], seconds: float, seed: int) -> BenchPlan[AllocationCase]:
@@ -359,15 +401,18 @@ def run_case(case: AllocationCase) -> AllocationRun:
     """Solve one instance twice (InstanceError if it cannot be read)."""
     instance = read_public(Path(case.instance))
     allocator = OptimalAllocator(Objective.ENERGY, time.process_time)
+    allocator.plan(instance.problem, iterations=1)  # compiles the kernels, which may take longer than the search
     robrain = solve_public(instance, allocator, deadline_s=case.seconds, seed=case.seed)
-    return AllocationRun(
-        case=case, robrain=robrain, pyvrp=solve_alone(instance, deadline_s=case.seconds, seed=case.seed)
-    )
+    if instance.problem.workers[0].chargers:
+        return AllocationRun(case=case, robrain=robrain, pyvrp=None)
+    alone = solve_alone(instance, deadline_s=case.seconds, seed=case.seed)
+    return AllocationRun(case=case, robrain=robrain, pyvrp=alone)
 
 
 def _report(runs: list[AllocationRun]) -> None:
     run = runs[-1]
-    print_line(f"{run.robrain.instance}: robrain {_words(run.robrain)}; PyVRP alone {_words(run.pyvrp)}")
+    alone = "" if run.pyvrp is None else f"; PyVRP alone {_words(run.pyvrp)}"
+    print_line(f"{run.robrain.instance}: robrain {_words(run.robrain)}{alone}")
 
 
 def _words(result: PublicResult) -> str:
@@ -379,12 +424,16 @@ def _words(result: PublicResult) -> str:
 
 def figures(runs: Sequence[AllocationRun]) -> Iterator[Figure]:
     """Mean gaps in percent, of instances whose customers are all served."""
-    gaps = [100 * run.robrain.gap for run in runs if run.robrain.gap is not None]
-    served = [run for run in runs if not run.robrain.left_out and not run.pyvrp.left_out]
-    beyond = [100 * (run.robrain.value / run.pyvrp.value - 1) for run in served]
-    beside = f"{len(runs)} instances, {sum(bool(run.robrain.left_out) for run in runs)} with customers left out"
-    if gaps:
-        yield timing("gap to the best known values", statistics.mean(gaps), "%", None, beside)
-    if beyond:
-        alone = f"{sum(bool(run.pyvrp.left_out) for run in runs)} that PyVRP does not solve"
-        yield timing("distance beyond PyVRP alone", statistics.mean(beyond), "%", BEYOND_PYVRP_PERCENT, alone)
+    pairs = [(run.robrain, run.pyvrp) for run in runs if run.pyvrp is not None]
+    charging = [run.robrain for run in runs if run.pyvrp is None]
+    for name, results, bound in (
+        ("gap to the best known values", [robrain for robrain, _ in pairs], None),
+        ("gap to the best known values, with charging", charging, CHARGING_GAP_PERCENT),
+    ):
+        beside = f"{len(results)} instances, {sum(bool(result.left_out) for result in results)} with customers left out"
+        if gaps := [100 * result.gap for result in results if result.gap is not None]:
+            yield timing(name, statistics.mean(gaps), "%", bound, beside)
+    both = [(robrain, alone) for robrain, alone in pairs if not robrain.left_out and not alone.left_out]
+    if beyond := [100 * (robrain.value / alone.value - 1) for robrain, alone in both]:
+        unsolved = f"{sum(bool(alone.left_out) for _, alone in pairs)} that PyVRP does not solve"
+        yield timing("distance beyond PyVRP alone", statistics.mean(beyond), "%", BEYOND_PYVRP_PERCENT, unsolved)

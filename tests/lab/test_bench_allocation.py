@@ -105,6 +105,43 @@ def test_pickups_come_before_their_deliveries_in_li_and_lims_format(tmp_path):
     assert (alone.value, alone.routes) == (40.0, [[1, 2, 3, 4]])
 
 
+STATIONS = """StringID   Type  x  y  demand  ReadyTime  DueDate  ServiceTime
+D0  d   0.0  0.0  0.0  0.0  {horizon}  0.0
+S1  f   5.0  0.0  0.0  0.0  {horizon}  0.0
+C1  c   9.0  0.0  4.0  0.0  90.0  1.0
+C2  c   8.0  0.0  4.0  0.0  90.0  1.0
+
+Q Vehicle fuel tank capacity /10.0/
+C Vehicle load capacity /8.0/
+r fuel consumption rate /1.0/
+g inverse refueling rate /2.0/
+v average Velocity /1.0/
+"""
+
+
+@pytest.mark.parametrize(
+    ("horizon", "value"),
+    [
+        ("46.0", 18.0),  # one vehicle: 18 of drive, 2 of service, 26 of charge
+        ("45.9", 34.0),  # too short for that, so there are two
+    ],
+)
+def test_vehicles_charge_at_the_stations_of_schneiders_format(tmp_path, horizon, value):
+    path = tmp_path / "two.txt"
+    path.write_text(STATIONS.format(horizon=horizon))
+    result = solve(path, 20)
+    assert (result.left_out, result.value) == (0, value)
+
+
+def test_benchmark_with_stations_has_no_figure_of_pyvrp(tmp_path, capsys):
+    path = tmp_path / "c101C5.txt"  # its name has a best known value
+    path.write_text(STATIONS.format(horizon="46.0"))
+    report = tmp_path / "figures.json"
+    run_bench(choose([path], 0.05, 0), report)
+    assert "PyVRP" not in capsys.readouterr().out
+    assert b"gap to the best known values, with charging" in report.read_bytes()
+
+
 def test_windows_and_capacity_of_pyvrp_alone_are_those_of_the_file(written):
     alone = solve_alone(read_public(written("CAPACITY : 8", DEMANDS)), deadline_s=0.05)
     assert (alone.vehicles, alone.value) == (2, 67.0)  # 0-1-2-0 and 0-3-4-0

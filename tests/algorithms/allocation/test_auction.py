@@ -54,6 +54,10 @@ def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.
         HORIZON_S,
         np.full(workers, 5.0),
         np.zeros(workers),
+        np.empty(0, np.int64),
+        np.zeros((workers, 0), np.bool_),
+        np.zeros(workers),
+        np.zeros(workers),
     )
     visits = VisitArrays(
         np.arange(count),
