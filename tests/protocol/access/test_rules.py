@@ -91,6 +91,8 @@ def _may_speak(row: WireKey) -> set[MemberRole]:
         return {A, ROB}
     if row.name == "door_state":
         return {OP, A}
+    if row.name == "robot_map":
+        return {ROB, C}
     if row.name == "replay_control":
         return {OP}
     return {"robot": {ROB}, "coordinator": {C}, "operator": {REC}, "arena": {A}}[row.by]
