@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from robrain.sim.errors import ScenarioError
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.maps.drawing import Block, FloorDrawing
 from robrain.sim.scenarios.scenario import Scenario
+from robrain.sim.world.robot_specs import RobotSpec
 
 DEPOT = Scenario.builtin("depot").replace(robots=2, motes=0, seed=3)
 FAR = (3.0, 3.0)
@@ -64,8 +66,16 @@ def test_team_drives_to_a_far_place_at_once_and_explores_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_robots_with_unknown_starts_find_their_places_on_it() -> None:
-    with DEPOT.replace(known_floor=True, starts_known=False).team() as team:
+@pytest.mark.parametrize(
+    "starts",
+    [
+        {"starts_known": False},
+        {"robots": 1, "roster": (RobotSpec(plugins={"localisation": {"x_m": 3.0, "y_m": 3.0}}),)},
+    ],
+    ids=["unknown", "wrong"],
+)
+def test_robots_with_unknown_or_wrong_starts_find_their_places_on_it(starts: dict[str, Any]) -> None:
+    with DEPOT.replace(known_floor=True, **starts).team() as team:
         run = run_of(team)
         team.run_for(2.0)
         assert all(host.board.frame != ARENA for host in run.hosts)
