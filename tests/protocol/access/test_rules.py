@@ -46,6 +46,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "mission_start": {OP},
     "mission_cancel": {OP},
     "coordinator_hold_robot": {OP},
+    "coordinator_rename_robot": {OP},
     "coordinator_release_robot": {OP},
     "replay_control": {OP},
     "host_load": {OP},

@@ -70,7 +70,7 @@ def test_team_drives_to_a_far_place_at_once_and_explores_nothing() -> None:
     "starts",
     [
         {"starts_known": False},
-        {"robots": 1, "roster": (RobotSpec(plugins={"localisation": {"x_m": 3.0, "y_m": 3.0}}),)},
+        {"robots": 1, "roster": (RobotSpec(plugins={"localisation": {"x_m": 3.0}}),)},
     ],
     ids=["unknown", "wrong"],
 )
