@@ -18,7 +18,7 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.backups import Backups
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
-from robrain.coordinator.parts.known_floor import KnownFloor
+from robrain.coordinator.parts.floor_publisher import FloorPublisher
 from robrain.coordinator.parts.missions import Missions
 from robrain.coordinator.parts.robot_service import RobotService
 from robrain.coordinator.parts.zone_keeper import ZoneKeeper
@@ -228,7 +228,7 @@ def stock_parts(
         partial(TaskRules, rules=rules),
         MoteMembers,
         FieldKeeper,
-        *(() if floor is None else (partial(KnownFloor, floor=floor),)),
+        *(() if floor is None else (partial(FloorPublisher, floor=floor),)),
         ZoneKeeper,
         RobotService,
         Charging,

@@ -96,9 +96,9 @@ class RobotService(CoordinatorPart):
     def _rename(self, request: Request[RobotRename]) -> None:
         name, label = self._known(request.asked.robot, "renamed"), request.asked.label
         labels = {other: kept for other, kept in self.core.roster.labels.items() if other != name}
-        taken = next((other for other, kept in labels.items() if kept.text == label), label)
-        if taken != name and taken in self.core.roster.robots:
-            raise CallError(ErrorCode.REFUSED, f"{name} is not renamed: {label} names {taken}")
+        owner = next((other for other, kept in labels.items() if kept.text == label), label)
+        if owner != name and owner in self.core.roster.robots:
+            raise CallError(ErrorCode.REFUSED, f"{name} is not renamed: {label} names {owner}")
         if label:
             labels[name] = RobotLabel(label, request.asked.by or request.by)
         self._change(name, self._holds, labels)

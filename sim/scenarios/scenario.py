@@ -80,8 +80,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     idle: bool = False
     """Whether the team explores only if a task requests it."""
     known_floor: bool | Path = False
-    """Whether the team knows the floor and does not explore it; or a map_server file, or the recording of an earlier
-    run, whose map it knows."""
+    """Whether the team knows the floor and does not explore it. A path names a map_server file, or the recording of an
+    earlier run: the team knows its map."""
     hardware: RobotHardware = RobotHardware()
     """Hardware of each robot."""
     network: SensorNetwork = SensorNetwork()

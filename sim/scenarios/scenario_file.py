@@ -85,8 +85,8 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     idle: bool = False
     """Whether the team explores only if a task requests it; it is then there for tasks, scripts and manual control."""
     known_floor: bool | str = False
-    """Whether the team knows the floor and does not explore it; or a map_server file, or the recording of an earlier
-    run, whose map it knows, relative to the scenario file."""
+    """Whether the team knows the floor and does not explore it. A path names a map_server file, or the recording of an
+    earlier run: the team knows its map. It is relative to the scenario file."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

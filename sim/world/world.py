@@ -116,8 +116,8 @@ class World:
         An agent that is restarted during the run does not know its robot's pose.
         """
         geometry = team_geometry(self.plan)
-        is_told = self.starts_known or (robot is self.robots[0] and self.floor is None)
-        start, is_known = robot.start, is_told and not is_restart
+        is_given = self.starts_known or (robot is self.robots[0] and self.floor is None)
+        start, is_known = robot.start, is_given and not is_restart
         if not is_known:
             width_m, height_m = self.plan.size_m
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)

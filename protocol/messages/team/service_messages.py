@@ -55,7 +55,7 @@ class RobotLabel(msgspec.Struct, frozen=True):
 
     text: Label
     by: Text = ""
-    """Who gave it."""
+    """Name of the operator."""
 
 
 COORDINATOR_HOLD_ROBOT = Query(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # loads kernels
 logger = logging.getLogger(__name__)
 
 
-class KnownFloor(CoordinatorPart):
+class FloorPublisher(CoordinatorPart):
     """Publishes a known floor on the grid of the first robot that maps, and again whenever robots appear.
 
     Args:
