@@ -21,7 +21,8 @@ from robrain.protocol.model.map_frame import ARENA
 
 STEP_CELLS, SIDE_CELLS = 4 * BLOCK_CELLS, 6 * BLOCK_CELLS
 """Step and side of submaps. They overlap, so that a robot is well inside one of them; a match copies one of them."""
-AROUND = np.ones((3, 3), np.bool_)
+AROUND = np.ones((5, 5), np.bool_)
+"""Cells of a wall beside a free cell: one that it shares with the floor, and one with the place of its surface."""
 
 
 class FloorMap(NamedTuple):
@@ -85,10 +86,10 @@ def floor_patch(floor: FloorMap, team: GridGeometry) -> MapPatch | None:
 def _resampled(floor: FloorMap, team: GridGeometry) -> NDArray[np.int8]:
     """Classes of the team's cells: occupied if any part of a cell is, and free if most of it is.
 
-    Of walls only the cells beside free ones are kept, as robots see them.
+    Of walls only the cells near free ones are kept, as robots see them.
     """
     source = floor.geometry
-    parts = max(1, math.ceil(team.resolution_m / source.resolution_m - 1e-6))
+    parts = 2 * math.ceil(team.resolution_m / source.resolution_m - 1e-6)
     classes = np.pad(floor.classes, 1, constant_values=OCCUPIED)
     free, occupied = np.zeros(team.shape, np.int32), np.zeros(team.shape, np.bool_)
 
