@@ -62,6 +62,8 @@ from robrain.protocol.messages.tasks.task_messages import (
 from robrain.protocol.messages.team.service_messages import (
     COORDINATOR_HOLD_ROBOT,
     COORDINATOR_RELEASE_ROBOT,
+    COORDINATOR_RENAME_ROBOT,
+    RobotRename,
     ServiceHold,
     ServiceRelease,
 )
@@ -459,6 +461,15 @@ class Team(RobotCalls):
     def release_robot(self, robot: str) -> None:
         """Put a robot back into service (CallError if it is in service)."""
         self._requests.coordinator(COORDINATOR_RELEASE_ROBOT, ServiceRelease(robot=robot, by=self.by))
+
+    def rename_robot(self, robot: str, label: str) -> None:
+        """Give a robot a label, by which pages and tables show it; an empty one removes it.
+
+        Raises:
+            CallError: no such robot is known, or the label is the name or label of another one.
+
+        """
+        self._requests.coordinator(COORDINATOR_RENAME_ROBOT, RobotRename(robot=robot, label=label, by=self.by))
 
     def lead(self, *, by: str | None = None) -> Names:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.

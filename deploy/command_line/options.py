@@ -106,6 +106,14 @@ ScenarioArgument = Annotated[
 MapOption = Annotated[
     Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
 ]
+KnownOption = Annotated[
+    bool,
+    typer.Option(
+        "--known",
+        help="The team knows the floor and does not explore it. With a SCENARIO it knows the --map, which may also be "
+        "the recording of an earlier run.",
+    ),
+]
 RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
 MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]

@@ -1,4 +1,4 @@
-"""`robrain robot`: take robots out of service, and put them back."""
+"""`robrain robot`: take robots out of service, put them back, and rename them."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from robrain.protocol.keys import DEFAULT_TEAM
 robot_app = typer.Typer(
     rich_help_panel=OPERATE,
     name="robot",
-    help="Take robots out of service, and put them back.",
+    help="Take robots out of service, put them back, and rename them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -64,3 +64,16 @@ def release(robot: RobotArgument, connect: ConnectOption = None, team: TeamOptio
     with connect_team(connect, team) as client:
         client.release_robot(robot)
     print_result(f"{robot}: in service")
+
+
+@robot_app.command()
+def rename(
+    robot: RobotArgument,
+    label: Annotated[str, typer.Argument(metavar="NAME", help="How people call it; empty to remove that.")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+) -> None:
+    """Show a robot under another name; topics, files and tasks keep its own."""
+    with connect_team(connect, team) as client:
+        client.rename_robot(robot, label)
+    print_result(f"{robot}: {f'called {label}' if label else 'has no other name'}")

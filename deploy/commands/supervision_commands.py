@@ -12,6 +12,7 @@ from robrain.deploy.command_line.options import (
     IdleOption,
     JournalOption,
     JsonOption,
+    KnownOption,
     ListenOption,
     MapOption,
     MotesOption,
@@ -47,6 +48,7 @@ def up(
     scenario: TeamArgument = None,
     host: HostOption = None,
     map_file: MapOption = None,
+    known: KnownOption = False,
     robots: RobotsOption = None,
     motes: MotesOption = None,
     seed: SeedOption = None,
@@ -88,8 +90,8 @@ def up(
     target, limit_s = until_explored(until), above_zero("--time-limit", time_limit)
     if scenario is not None and is_team_file(Path(scenario)):
         given = {
-            "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--idle": idle or None,
-            "--record": record, "--port": port,
+            "--map": map_file, "--known": known or None, "--robots": robots, "--motes": motes, "--seed": seed,
+            "--idle": idle or None, "--record": record, "--port": port,
             "--listen": listen, "--journal": journal, "--stand-by": stand_by or None, "--rules": rules,
             "--no-dashboard": None if dashboard else True, "--secured": secured or None, "--pki": pki,
             "--team": None if team == DEFAULT_TEAM else team,
@@ -104,7 +106,7 @@ def up(
         if host is not None:
             raise UsageError(f"--host {host}: expected a team file with [[hosts]]")
         check_name("team", team)
-        chosen = choose_scenario(scenario, map_file, robots, motes, seed, idle=idle)
+        chosen = choose_scenario(scenario, map_file, robots, motes, seed, known=known, idle=idle)
         if rules is not None:
             from robrain.deploy.processes.table_files import read_rules
 
@@ -121,7 +123,7 @@ def up(
             team=team,
             parts=[HUB, ARENA, COORDINATOR, *names, *(part for part, is_wanted in optional.items() if is_wanted)],
             scenario=chosen,
-            words=_scenario_arguments(scenario, map_file, robots, motes, seed),
+            words=_scenario_arguments(scenario, None if scenario else map_file, robots, motes, seed),
             listen=listen,
             robots=names,
             witnesses=witnesses_among(names) if stand_by else [],

@@ -58,6 +58,8 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     """The coordinator's planning file, relative to this one; a scenario has its own."""
     rules: str = ""
     """The coordinator's rules file, relative to this one; a scenario has its own."""
+    floor: str = ""
+    """The coordinator's known floor, a map.yaml or a recording, relative to this file; a scenario has its own."""
     record: str = ""
     """The recorder's file, relative to this one; default: runs/NAME-N.mcap with the first free number."""
     dashboard_port: Annotated[int, Meta(ge=0, le=65_535)] | None = None
@@ -69,7 +71,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     def __post_init__(self) -> None:
         super().__post_init__()
         _checked("team", self.name)
-        for key in ("planning", "rules"):
+        for key in ("planning", "rules", "floor"):
             if self.scenario and getattr(self, key):
                 raise ValueError(f"{key}: expected no such file, because the scenario has its own")
 
@@ -182,7 +184,7 @@ def read_team_file(path: Path) -> TeamFile:
     except msgspec.ValidationError as error:
         where, what = key_and_problem(error, raw, TeamFile)
         raise UsageError(f"{path}: {what if where == 'file' else f'{where}: {what}'}") from error
-    files = {"team.planning": found.team.planning, "team.rules": found.team.rules}
+    files = {"team.planning": found.team.planning, "team.rules": found.team.rules, "team.floor": found.team.floor}
     for key, file in files.items():
         if file and not (path.parent / file).is_file():
             raise UsageError(f"{path}: {key}: expected a file, found none at {path.parent / file}")

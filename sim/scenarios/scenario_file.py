@@ -79,10 +79,14 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     starts: Starts = Starts.TOGETHER
     """Placement of the robots at the start."""
     starts_known: bool = True
-    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
+    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame. On a
+    known floor no robot does."""
 
     idle: bool = False
     """Whether the team explores only if a task requests it; it is then there for tasks, scripts and manual control."""
+    known_floor: bool | str = False
+    """Whether the team knows the floor and does not explore it. A path names a map_server file, or the recording of an
+    earlier run: the team knows its map. It is relative to the scenario file."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -26,7 +26,8 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
+from robrain.recording.reader.map_server import TEAM_RESOLUTION_M
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_body import Body
 
 PATCHES_A_STEP = 4096
