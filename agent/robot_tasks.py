@@ -26,12 +26,12 @@ from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
-    DoorShut,
     NoState,
     Occupied,
     OfferRefusal,
     OutOfService,
     PlainReason,
+    Shut,
     plain,
     sentence_of,
 )
@@ -75,7 +75,7 @@ def work_at_place(task: Task) -> Work:
 class _End(NamedTuple):
     task_id: str
     state: TaskState
-    reason: str | DoorShut
+    reason: str | Shut
     result: dict[str, Any]
 
 
@@ -392,7 +392,7 @@ class RobotTasks:
         return TaskAnswer(accepted=True)
 
     def end(
-        self, task_id: str, state: TaskState, reason: str | DoorShut = "", result: dict[str, Any] | None = None
+        self, task_id: str, state: TaskState, reason: str | Shut = "", result: dict[str, Any] | None = None
     ) -> None:
         """The behavior reports, on any thread, how its task ended and its result.
 
@@ -420,15 +420,13 @@ class RobotTasks:
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
-    def _end(
-        self, task_id: str, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None
-    ) -> None:
+    def _end(self, task_id: str, state: TaskState, reason: str | Shut, result: dict[str, Any] | None = None) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
             ended = msgspec.structs.replace(status, state=state, why=cut(str(reason)), result=result or {})
-            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, DoorShut) else None)
+            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, Shut) else None)
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
