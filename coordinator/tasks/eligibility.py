@@ -279,9 +279,10 @@ class Eligibility:
             return plain("is_own", "it is one of the coordinator itself")
         if (refusal := self.offer_refusal()) is not None:
             return refusal
-        may_wait = task.paused or task.same_robot_as or self._map.shut_zones
-        if may_wait and (reason := self.unplannable(record)) is not None:
+        if (task.paused or self._map.shut_zones) and (reason := self.unplannable(record)) is not None:
             return reason
+        if task.same_robot_as and not self._robot_of(task.same_robot_as):
+            return SameRobot(task.same_robot_as)
         if holder := self.held_elsewhere.by(task.id, now_ns):
             return holder_out(holder)
         if now_ns + to_ns(travel_s) < task.earliest_ns:
@@ -301,10 +302,8 @@ class Eligibility:
         if record.task.paused:
             reason = record.reason
             return reason if reason is not None and reason.code == PAUSED else plain(PAUSED, "it is paused")
-        if (zone := self._map.shut_at(record.task.place)) is not None:
-            return shut(zone)
-        other = record.task.same_robot_as
-        return SameRobot(other) if other and not self._robot_of(other) else None
+        zone = self._map.shut_at(record.task.place)
+        return None if zone is None else shut(zone)
 
     def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """Conditions for a task that is not in the book before any robot could begin it; None if there are none."""
