@@ -10,7 +10,7 @@ charge) by `occupy`. It yields as soon as `occupies` returns False: to any task,
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import msgspec
@@ -104,9 +104,15 @@ class _Own(NamedTuple):
 
 
 class RobotTasks:
-    """The tasks of one robot: answers offers, and finds the behavior that does them."""
+    """The tasks of one robot: answers offers, and finds the behavior that does them.
 
-    def __init__(self) -> None:
+    Args:
+        names: of the robot and its plugins, which tasks may need.
+
+    """
+
+    def __init__(self, names: Callable[[], Iterable[str]] = tuple) -> None:
+        self._names = names
         self._status: TaskStatus | None = None
         self._before: TaskStatus | None = None
         self.held: _Held | None = None
@@ -290,9 +296,13 @@ class RobotTasks:
         self.coordinator_seen_ns = now_ns
         return TaskAnswer(accepted=True)
 
+    def has_behavior(self, kind: str) -> bool:
+        """Whether there is a behavior for a kind of task."""
+        return kind in self._executors
+
     def can(self, task: Task) -> bool:
-        """Whether there is a behavior for a task."""
-        return task.kind in self._executors
+        """Whether the robot has the behavior and all plugins that a task needs, and is the robot that it names."""
+        return self.has_behavior(task.kind) and set(task.needs) <= {*self._executors, *self._names()}
 
     def work_of(self, task: Task) -> Work:
         """Work of a task at its place, from its kind's behavior; if this fails, the work of a stay at the place."""
