@@ -82,8 +82,11 @@ class RobotService(CoordinatorPart):
         self._change(name, self._holds | {name: hold}, self.core.roster.labels)
         with self.core.lifecycle.as_far_as_written(self.core.wire.clock.now_ns()):
             for record in self.core.tasks.bound_to(name):
-                if hold.gives_back or record.own or record.state is TaskState.OFFERED:
-                    self.core.tasks.give_back(record.task.id, RobotOut(name, _reason(hold)))
+                out = RobotOut(name, _reason(hold))
+                if record.own:
+                    self.core.tasks.give_back(record.task.id, out)
+                elif hold.gives_back or record.state is TaskState.OFFERED:
+                    self.core.tasks.update(record.task, out, recalls=True)
 
     def _release(self, request: Request[ServiceRelease]) -> None:
         name = self._name_of(request.asked.robot)

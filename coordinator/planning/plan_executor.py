@@ -11,7 +11,7 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import DoorShut, NearestOut, PlanReason, RobotReason, TaskReason, needed_for, plain
+from robrain.protocol.reasons import NearestOut, PlanReason, RobotReason, Shut, TaskReason, needed_for, plain
 
 OFFERS_MAX = 16
 """Offers per step: each is journalled first, and the team must not wait for that."""
@@ -106,7 +106,7 @@ class PlanExecutor:
                 continue  # the published reason has more details
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
-            may_wait = record.task.deadline_ns is not None or isinstance(left.reason, DoorShut)
+            may_wait = record.task.deadline_ns is not None or isinstance(left.reason, Shut)
             if not may_wait and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
                 gave_up = plain(
                     "gave_up",

@@ -87,6 +87,35 @@ def remove(
     print_either(known, [_text_of(zone) for zone in known] or ["the team has no zones"], as_json=as_json)
 
 
+@zone_app.command()
+def clear(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of zones.")],
+    for_s: Annotated[
+        float | None, typer.Option("--for-s", min=1.0, help="Seconds after which they open. Default: until zone open.")
+    ] = None,
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Have all robots leave zones and wait outside. Tasks there and behind them wait."""
+    with connect_team(connect, team) as client:
+        known = client.clear_zones(*names, for_s=for_s)
+    print_either(known, [_text_of(zone) for zone in known], as_json=as_json)
+
+
+@zone_app.command("open")
+def open_(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of zones.")],
+    connect: ConnectOption = None,
+    team: TeamOption = DEFAULT_TEAM,
+    as_json: JsonOption = False,
+) -> None:
+    """Open zones that are cleared."""
+    with connect_team(connect, team) as client:
+        known = client.open_zones(*names)
+    print_either(known, [_text_of(zone) for zone in known], as_json=as_json)
+
+
 def _text_of(zone: Zone) -> str:
     who = f", for {', '.join(zone.robots)}" if zone.robots else ""
     return f"{zone.name}: {zone.rule}{f', {zone.area_m2:.1f} m²' if zone.area_m2 else ''}{who}"

@@ -414,22 +414,23 @@ def _faults(vehicle: State) -> str:
 
 # -- zones ------------------------------------------------------------------------------------------------------------
 
-ZONE_TYPES = {ZoneKind.KEEP_OUT: "BLOCKED", ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
-"""Zone types of version 3; zones of other kinds are not sent."""
+ZONE_TYPES = {ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
+"""Zone types of version 3 beside `BLOCKED`; zones of other kinds are not sent."""
 
 
 def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str, Any]:
     """The zones that a robot has to obey as a zone set, whose id changes with its content."""
     found = []
     for zone in zones:
-        if zone.kind not in ZONE_TYPES or not zone.binds(robot):
+        zone_type = "BLOCKED" if zone.keeps_out else ZONE_TYPES.get(zone.kind)
+        if zone_type is None or not zone.binds(robot):
             continue
         corners = [vehicle.from_arena(x_m, y_m) for x_m, y_m in zone.corners_m]
         vertices = [{"x": corner.x_m, "y": corner.y_m} for corner in corners]
-        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": ZONE_TYPES[zone.kind], "vertices": vertices}
-        if zone.speed_m_s is not None:
+        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": zone_type, "vertices": vertices}
+        if zone_type == "SPEED_LIMIT":
             content["maximumSpeed"] = zone.speed_m_s
-        if zone.cost_m is not None:
+        if zone_type == "PENALTY" and zone.cost_m is not None:
             content["penaltyFactor"] = zone.cost_m / (1.0 + zone.cost_m)
         found.append(content)
     digest = hashlib.sha256(msgspec.json.encode([vehicle.map_id, found])).hexdigest()

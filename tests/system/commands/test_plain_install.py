@@ -112,6 +112,8 @@ LACKING = [
     ("mission cancel", ["round-1"], "there is no mission round-1.*"),
     ("rule remove", ["night"], "there is no rule night; known are none"),
     ("zone remove", ["hall"], "there is no zone hall; known are none"),
+    ("zone clear", ["hall"], "there is no zone hall; known are none"),
+    ("zone open", ["hall"], "there is no zone hall; known are none"),
 ]
 """Commands that need something that is not there, and what they say of it."""
 WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}
