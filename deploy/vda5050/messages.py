@@ -1,13 +1,13 @@
 """Messages of VDA 5050 in the versions 2.1.0 and 3.0.0, as structs with ranges.
 
-A field that only one of the versions has, or that has another name there, is absent in messages of the other version.
+Messages that robrain writes have the names of version 3, and are renamed by `NAMES_2` for version 2. Of those that
+it reads, a field that only one of the versions has is absent in messages of the other.
 The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or writes; others are ignored.
 """
 
 import datetime
-from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -26,7 +26,22 @@ Prose = Annotated[str, Meta(max_length=4096)]
 Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
-B = TypeVar("B", bound="VdaStruct")
+NAMES_2 = {
+    "mobileRobotPosition": "agvPosition", "localized": "positionInitialized", "powerSupply": "batteryState",
+    "stateOfCharge": "batteryCharge", "activeEmergencyStop": "eStop", "mobileRobotKinematics": "agvKinematic",
+    "mobileRobotClass": "agvClass", "maximumLoadMass": "maxLoadMass", "minimumSpeed": "speedMin",
+    "maximumSpeed": "speedMax", "maximumAcceleration": "accelerationMax", "maximumDeceleration": "decelerationMax",
+    "minimumHeight": "heightMin", "maximumHeight": "heightMax", "maximumStringLengths": "maxStringLens",
+    "maximumIdLength": "idLen", "maximumArrayLengths": "maxArrayLens", "minimumOrderInterval": "minOrderInterval",
+    "minimumStateInterval": "minStateInterval", "mobileRobotActions": "agvActions",
+    "mobileRobotGeometry": "agvGeometry",
+}  # fmt: skip
+"""Names of fields in version 2, by those in version 3."""
+ONLY_3 = {
+    "instantActionStates", "plannedPath", "intermediatePath", "referenceStateHeaderId", "blockingTypes", "pauseAllowed",
+    "cancelAllowed",
+}  # fmt: skip
+"""Fields that version 2 does not have."""
 
 
 class BadVehicleMessage(RobrainError):
@@ -71,8 +86,8 @@ class Vehicle(NamedTuple):
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
         return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
 
-    def payload(self, body: Mapping[str, Any], header_id: int, now_ns: int) -> bytes:
-        """A message with the protocol header."""
+    def payload(self, body: Any, header_id: int, now_ns: int) -> bytes:
+        """A message with the protocol header; its body is a struct or a mapping, with the names of version 3."""
         header = {
             "headerId": header_id % 2**32,
             "timestamp": timestamp(now_ns),
@@ -80,7 +95,31 @@ class Vehicle(NamedTuple):
             "manufacturer": self.manufacturer,
             "serialNumber": self.serial,
         }
-        return msgspec.json.encode({**header, **body})
+        content = msgspec.to_builtins(body)
+        return msgspec.json.encode({**header, **(_names_2(content) if self.is_old else content)})
+
+
+def _names_2(content: Any) -> Any:
+    match content:
+        case dict():
+            return {NAMES_2.get(key, key): _names_2(one) for key, one in content.items() if key not in ONLY_3}
+        case list():
+            return [_names_2(one) for one in content]
+    return content
+
+
+class SendTimes:
+    """When messages were last sent, by name."""
+
+    def __init__(self) -> None:
+        self._sent_ns: dict[str, int] = {}
+
+    def is_due(self, name: str, period_ns: int, now_ns: int) -> bool:
+        """Whether one was last sent at least a period ago; if so, the next one counts as sent now."""
+        is_due = now_ns - self._sent_ns.get(name, -period_ns) >= period_ns
+        if is_due:
+            self._sent_ns[name] = now_ns
+        return is_due
 
 
 def timestamp(now_ns: int) -> str:
@@ -91,25 +130,6 @@ def timestamp(now_ns: int) -> str:
 
 class VdaStruct(msgspec.Struct, rename="camel"):
     """A message without its header, or a part of one."""
-
-
-class Header(VdaStruct):
-    """The protocol header."""
-
-    header_id: Number
-    timestamp: Annotated[str, Meta(max_length=64)]
-    version: Id
-    manufacturer: Id
-    serial_number: Id
-
-
-def read(topic: str, payload: bytes, kind: type[B]) -> B:
-    """Decode and check a message (BadVehicleMessage)."""
-    try:
-        msgspec.json.decode(payload, type=Header)
-        return msgspec.json.decode(payload, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadVehicleMessage(f"{topic}: {error}") from error
 
 
 # -- orders and actions -----------------------------------------------------------------------------------------------
@@ -149,11 +169,16 @@ Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
 """Allowed distance from a node, metres; in version 3 an ellipse with half axes `a` and `b`."""
 
 
-class NodePosition(VdaStruct):
-    """Place of a node, in the map's frame: metres and radians."""
+class Waypoint(VdaStruct):
+    """A point in the map's frame, metres."""
 
     x: Metres
     y: Metres
+
+
+class NodePosition(Waypoint):
+    """Place of a node; its heading in radians."""
+
     map_id: Id
     theta: Radians | UnsetType = UNSET
     allowed_deviation: Deviation | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
@@ -182,6 +207,8 @@ class OrderEdge(VdaStruct):
     sequence_id: Number
     released: bool
     actions: Actions
+    start_node_id: Id
+    end_node_id: Id
 
 
 class VehicleOrder(VdaStruct):
@@ -248,14 +275,11 @@ class NodeState(VdaStruct):
 
     node_id: Id
     sequence_id: Number
-    node_position: NodePosition | UnsetType = UNSET
 
 
-class Position(VdaStruct):
-    """Position of a vehicle: metres and radians, map frame."""
+class Position(Waypoint):
+    """Position of a vehicle; its heading in radians."""
 
-    x: Metres
-    y: Metres
     theta: Radians
     map_id: Id
     position_initialized: bool | UnsetType = UNSET
@@ -278,13 +302,6 @@ class VehiclePower(VdaStruct):
     state_of_charge: Percent | UnsetType = UNSET
     battery_voltage: Amount | UnsetType = UNSET
     battery_current: Amount | UnsetType = UNSET
-
-
-class Waypoint(VdaStruct):
-    """A point of the path that a vehicle follows next."""
-
-    x: Metres
-    y: Metres
 
 
 class Polyline(VdaStruct):
@@ -314,7 +331,6 @@ class State(VdaStruct):
     action_states: Annotated[list[ActionState], Meta(max_length=10_000)]
     errors: Annotated[list[VehicleError], Meta(max_length=256)]
     paused: bool | UnsetType = UNSET
-    instant_action_states: Annotated[list[ActionState], Meta(max_length=10_000)] | UnsetType = UNSET
     velocity: Velocity | UnsetType = UNSET
     agv_position: Position | UnsetType = UNSET
     mobile_robot_position: Position | UnsetType = UNSET
@@ -341,3 +357,20 @@ class VehicleConnection(VdaStruct):
     """A vehicle's connection to the broker."""
 
     connection_state: ConnectionState
+
+
+TOPICS: dict[str, type[VdaStruct]] = {
+    "order": VehicleOrder,
+    "instantActions": InstantActions,
+    "state": State,
+    "connection": VehicleConnection,
+}
+"""Messages that robrain reads, by the last level of their topics."""
+
+
+def read(topic: str, payload: bytes) -> VdaStruct:
+    """Decode and check a message (BadVehicleMessage)."""
+    try:
+        return msgspec.json.decode(payload, type=TOPICS[topic.rpartition("/")[2]])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadVehicleMessage(f"{topic}: {error}") from error

@@ -7,12 +7,13 @@ tells a restarted process what the vehicle does for the team.
 import hashlib
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any
 
 import msgspec
 
 from robrain.deploy.vda5050 import messages as vda
-from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle
+from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle, VehicleOrder
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
@@ -42,25 +43,19 @@ STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
 
 
-Outgoing = tuple[str, dict[str, Any]]
+Outgoing = tuple[str, Any]
 """A topic of the vehicle, and the message without its header."""
-
-
-class _TaskEnd(NamedTuple):
-    state: TaskState
-    why: str
 
 
 class _Work(msgspec.Struct):
     """A task that the robot has accepted and not ended."""
 
-    id: str
-    epoch: int
+    status: TaskStatus
     lease_ns: int
-    order: dict[str, Any] | None = None
+    order: VehicleOrder | None = None
     """None after a restart: the vehicle has it."""
-    end: _TaskEnd | None = None
-    """How it ends once the vehicle has no order for it."""
+    cancelled: str = ""
+    """Why it is cancelled once the vehicle has no order for it; empty if it is not to be cancelled."""
     sent_ns: int | None = None
     last_sent_ns: int = -SETTLE_NS
     arrived_ns: int | None = None
@@ -87,12 +82,11 @@ class VehicleRobot:
         self.continues_for_s = continues_for_s
         self._vehicle: State | None = None
         self._work: _Work | None = None
-        self._status: TaskStatus | None = None
-        self._before: TaskStatus | None = None
+        self._ended: TaskStatus | None = None
         self._epoch = 0
         self._received_ns = 0
         self._resumed_ns = -RESUME_NS
-        self._sent_ns: dict[str, int] = {}
+        self._times = vda.SendTimes()
         self._in_flight = ("", -SETTLE_NS)
         """The order of a task that was replaced, and when it was last sent."""
 
@@ -109,7 +103,7 @@ class VehicleRobot:
         if is_first and (held := _read_order_id(state.order_id)) is not None:
             task_id, self._epoch = held
             self._received_ns = now_ns
-            self._begin(_Work(task_id, self._epoch, to_ns(self.continues_for_s)))
+            self._begin(task_id, self._epoch, self.continues_for_s)
 
     def step(self, now_ns: int) -> list[Outgoing]:
         """Messages to send to the vehicle now."""
@@ -117,7 +111,7 @@ class VehicleRobot:
         if vehicle is None:
             return self._instant("stateRequest", now_ns)
         if work is not None and now_ns - self._received_ns > work.lease_ns:
-            self._end_work(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+            self._cancel("the coordinator is silent, the lease ran out")
         sent = [*self._pause(vehicle, now_ns), *self._send_zones(vehicle, now_ns)]
         held = _read_order_id(vehicle.order_id)
         if work is not None and self._is_order_of(work, vehicle, held):
@@ -125,17 +119,17 @@ class VehicleRobot:
         elif work is not None:
             sent += self._send_order(work, vehicle, now_ns)
         work = self._work
-        is_wanted = work is not None and work.end is None and self._is_order_of(work, vehicle, held)
+        is_wanted = work is not None and not work.cancelled and self._is_order_of(work, vehicle, held)
         if held is not None and not vehicle.is_idle and not is_wanted:
             sent += self._instant("cancelOrder", now_ns)
         return sent
 
     def _is_order_of(self, work: _Work, vehicle: State, held: tuple[str, int] | None) -> bool:
         """Whether the vehicle has the task's order, or does or has completed one of an earlier epoch."""
-        if held is None or held[0] != work.id:
+        if held is None or held[0] != work.status.id:
             return False
         is_earlier = not vehicle.is_idle or _stay_s(vehicle) is not None
-        return is_earlier or (work.order is None or work.order["orderId"] == vehicle.order_id)
+        return is_earlier or work.order is None or work.order.order_id == vehicle.order_id
 
     def _check_progress(self, work: _Work, vehicle: State, now_ns: int) -> None:
         faults = _faults(vehicle)
@@ -144,24 +138,23 @@ class VehicleRobot:
             if faults:
                 self._finish(TaskState.FAILED, faults)
         elif stay_s is None:
-            self._finish(*(work.end or _TaskEnd(TaskState.CANCELLED, f"the vehicle has dropped the order: {faults}")))
+            self._finish(TaskState.CANCELLED, work.cancelled or f"the vehicle has dropped the order: {faults}")
         else:
             work.arrived_ns = now_ns if work.arrived_ns is None else work.arrived_ns
             if now_ns >= work.arrived_ns + to_ns(stay_s):
                 self._finish(TaskState.DONE, "")
-            elif work.end is not None:
-                self._finish(*work.end)
+            elif work.cancelled:
+                self._finish(TaskState.CANCELLED, work.cancelled)
 
     def _send_order(self, work: _Work, vehicle: State, now_ns: int) -> list[Outgoing]:
+        order = work.order
         refused = [
-            error.words
-            for error in vehicle.errors
-            if work.order is not None and error.refers_to("orderId", work.order["orderId"])
+            one.words for one in vehicle.errors if order is not None and one.refers_to("orderId", order.order_id)
         ]
-        if work.end is not None:
+        if work.cancelled:
             if work.sent_ns is None or now_ns - work.last_sent_ns > SETTLE_NS:
-                self._finish(*work.end)
-        elif work.order is None or (not vehicle.is_idle and _read_order_id(vehicle.order_id) is None):
+                self._finish(TaskState.CANCELLED, work.cancelled)
+        elif order is None or (not vehicle.is_idle and _read_order_id(vehicle.order_id) is None):
             self._finish(TaskState.CANCELLED, f"the vehicle has the order {vehicle.order_id} of another master")
         elif refused or (work.sent_ns is not None and now_ns - work.sent_ns > GIVE_UP_NS):
             why = "; ".join(refused or [error.words for error in vehicle.errors]) or "no reason given"
@@ -171,7 +164,7 @@ class VehicleRobot:
         elif vehicle.is_idle and (work.sent_ns is None or now_ns - work.last_sent_ns >= AGAIN_NS):
             work.sent_ns = now_ns if work.sent_ns is None else work.sent_ns
             work.last_sent_ns = now_ns
-            return [("order", work.order)]
+            return [("order", order)]
         return []
 
     def _pause(self, vehicle: State, now_ns: int) -> list[Outgoing]:
@@ -189,26 +182,20 @@ class VehicleRobot:
         return []
 
     def _send_zones(self, vehicle: State, now_ns: int) -> list[Outgoing]:
-        if self._place.is_old or self.zones is None or vehicle.zone_sets is msgspec.UNSET:
+        if self.zones is None or vehicle.zone_sets is msgspec.UNSET:  # version 2 has none
             return []
         content = zone_set_of(self.zones, self._name, self._mapped)
         there = {one.zone_set_id: one.zone_set_status for one in vehicle.zone_sets or ()}
         name = content["zoneSetId"]
         if name not in there:
-            is_due = (content["zones"] or there) and self._is_due("zoneSet", now_ns)
+            is_due = (content["zones"] or there) and self._times.is_due("zoneSet", AGAIN_NS, now_ns)
             return [("zoneSet", {"zoneSet": content})] if is_due else []
         return [] if there[name] == "ENABLED" else self._instant("enableZoneSet", now_ns, zoneSetId=name)
 
     def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Outgoing]:
-        if not self._is_due(kind, now_ns):
+        if not self._times.is_due(kind, AGAIN_NS, now_ns):
             return []
         return [("instantActions", instant_action(kind, f"{kind}-{now_ns}", **parameters))]
-
-    def _is_due(self, what: str, now_ns: int) -> bool:
-        if now_ns - self._sent_ns.get(what, -AGAIN_NS) < AGAIN_NS:
-            return False
-        self._sent_ns[what] = now_ns
-        return True
 
     # -- the team's side --------------------------------------------------------------------------------------------
 
@@ -216,7 +203,7 @@ class VehicleRobot:
         """Accept a task, or refuse it with a reason."""
         task, epoch = offer.task, offer.epoch
         if epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
+            return self._newer
         if self._status is not None and (self._status.id, self._status.epoch) == (task.id, epoch):
             return TaskAnswer(accepted=True)
         try:
@@ -229,25 +216,25 @@ class VehicleRobot:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
         if (work := self._work) is not None:
             if work.order is not None:
-                self._in_flight = (work.order["orderId"], work.last_sent_ns)
+                self._in_flight = (work.order.order_id, work.last_sent_ns)
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")
         self._epoch, self._received_ns = epoch, now_ns
-        lease_ns = to_ns(max(offer.lease_s, self.continues_for_s))
-        self._begin(_Work(task.id, epoch, lease_ns, self._order(task, epoch, places, vehicle.position)))
+        lease_s = max(offer.lease_s, self.continues_for_s)
+        self._begin(task.id, epoch, lease_s, self._order(task, epoch, places, vehicle.position))
         return TaskAnswer(accepted=True)
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
         """End a task: its status stays `running` until the vehicle has no order for it."""
         if withdrawal.epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
-        if self._work is not None and self._work.id == withdrawal.id:
-            self._end_work(TaskState.CANCELLED, withdrawal.why or "withdrawn")
+            return self._newer
+        if self._work is not None and self._work.status.id == withdrawal.id:
+            self._cancel(withdrawal.why or "withdrawn")
         return TaskAnswer(accepted=True)
 
     def halt(self, by: str, reason: str, stamp_ns: int = 0) -> None:
         """Pause the vehicle, and end its task."""
         self.latch.hold(by, reason, stamp_ns)
-        self._end_work(TaskState.CANCELLED, "the robot is halted")
+        self._cancel("the robot is halted")
 
     def resume(self, by: str, now_ns: int, stamp_ns: int = 0) -> str:
         """End a halt; returns why the vehicle stays paused, empty if it does not."""
@@ -274,10 +261,10 @@ class VehicleRobot:
         if vehicle.intermediate_path:
             found = [(point.x, point.y) for point in vehicle.intermediate_path.polyline]
         else:
-            order = (self._work.order if self._work is not None else None) or {"nodes": []}
-            known = {node["sequenceId"]: node["nodePosition"] for node in order["nodes"]}
-            places = [known[one.sequence_id] for one in vehicle.node_states if one.sequence_id in known]
-            found = [(vehicle.position.x, vehicle.position.y), *((at["x"], at["y"]) for at in places)]
+            order = self._work.order if self._work is not None else None
+            known = {node.sequence_id: node.node_position for node in order.nodes} if order is not None else {}
+            places = (known.get(one.sequence_id) for one in vehicle.node_states)
+            found = [(vehicle.position.x, vehicle.position.y), *((at.x, at.y) for at in places if at)]
         poses = [self._place.to_arena(*point) for point in found]
         return [Point2D(pose.x_m, pose.y_m) for pose in poses]
 
@@ -291,24 +278,27 @@ class VehicleRobot:
             lost = f"expected map {self._place.map_id}, got {at.map_id}"
             at = None
         is_halted, moving = self.latch.is_held, vehicle.velocity or vda.Velocity()
+        battery = None
+        if power:
+            volts, amperes = power.battery_voltage or 0.0, power.battery_current or 0.0
+            soc = (power.state_of_charge or power.battery_charge or 0.0) / 100.0
+            battery = BatteryState(
+                voltage_v=volts,
+                current_a=-amperes,
+                temperature_c=0.0,
+                soc=soc,
+                remaining_j=0.0,
+                charging=power.charging,
+            )
         return RobotState(
             robot=self._name,
             pose=None if at is None else self._place.to_arena(at.x, at.y, at.theta),
             velocity=Twist2D(moving.vx, moving.vy, moving.omega),
             radius_m=self._radius_m,
-            battery=None
-            if not power
-            else BatteryState(
-                voltage_v=power.battery_voltage or 0.0,
-                current_a=-(power.battery_current or 0.0),
-                temperature_c=0.0,
-                soc=(power.state_of_charge or power.battery_charge or 0.0) / 100.0,
-                remaining_j=0.0,
-                charging=power.charging,
-            ),
+            battery=battery,
             behavior=VEHICLE if self._work is not None else "",
             task=self._status,
-            task_before=self._before,
+            task_before=self._ended,
             halted=is_halted,
             halted_by=self.latch.holders,
             team_halt_ns=self.team_halt_ns if is_halted else 0,
@@ -334,38 +324,42 @@ class VehicleRobot:
         faults = _faults(vehicle)
         return plain("vehicle_faulted", faults) if faults else None
 
-    def _begin(self, work: _Work) -> None:
-        self._work = work
-        self._status = TaskStatus(id=work.id, epoch=work.epoch, state=TaskState.RUNNING)
+    @property
+    def _status(self) -> TaskStatus | None:
+        return self._ended if self._work is None else self._work.status
 
-    def _end_work(self, state: TaskState, why: str) -> None:
-        if self._work is not None and self._work.end is None:
-            self._work.end = _TaskEnd(state, why)
+    @property
+    def _newer(self) -> TaskAnswer:
+        return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
+
+    def _begin(self, task_id: str, epoch: int, lease_s: float, order: VehicleOrder | None = None) -> None:
+        self._work = _Work(TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING), to_ns(lease_s), order)
+
+    def _cancel(self, why: str) -> None:
+        if self._work is not None:
+            self._work.cancelled = self._work.cancelled or why
 
     def _finish(self, state: TaskState, why: str) -> None:
         assert self._work is not None
-        ended = TaskStatus(id=self._work.id, epoch=self._work.epoch, state=state, why=cut(why))
-        self._work, self._status, self._before = None, ended, ended
+        self._ended = msgspec.structs.replace(self._work.status, state=state, why=cut(why))
+        self._work = None
 
-    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> dict[str, Any]:
+    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> VehicleOrder:
         order_id, around = f"robrain:{task.id}:{epoch}", START_DEVIATION_M
-        allowed = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
-        on_map = [self._place.from_arena(place.x_m, place.y_m) for place in places]
-        points = [(start.x, start.y), *((at.x_m, at.y_m) for at in on_map)]
-        positions: list[dict[str, Any]] = [{"x": x, "y": y, "mapId": start.map_id} for x, y in points]
-        positions[0]["allowedDeviationXY"] = allowed
-        names = [f"node-{number}" for number in range(len(positions))]
-        names[-1] = f"{order_id}:{task.service_s:g}"
-
-        def part(kind: str, name: str, sequence_id: int, **fields: Any) -> dict[str, Any]:
-            return {f"{kind}Id": name, "sequenceId": sequence_id, "released": True, "actions": [], **fields}
-
-        nodes = [part("node", names[n], 2 * n, nodePosition=position) for n, position in enumerate(positions)]
-        edges = [
-            part("edge", f"edge-{n}", 2 * n + 1, startNodeId=names[n], endNodeId=names[n + 1])
-            for n in range(len(nodes) - 1)
+        allowed: vda.Deviation = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
+        at_start = vda.NodePosition(start.x, start.y, start.map_id, allowed_deviation=allowed)
+        on_map = (self._place.from_arena(place.x_m, place.y_m) for place in places)
+        positions = [at_start, *(vda.NodePosition(at.x_m, at.y_m, start.map_id) for at in on_map)]
+        names = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{task.service_s:g}"]
+        nodes = [
+            vda.OrderNode(name, 2 * number, True, [], position)
+            for number, (name, position) in enumerate(zip(names, positions, strict=True))
         ]
-        return {"orderId": order_id, "orderUpdateId": 0, "nodes": nodes, "edges": edges}
+        edges = [
+            vda.OrderEdge(f"edge-{number}", 2 * number + 1, True, [], before, after)
+            for number, (before, after) in enumerate(pairwise(names))
+        ]
+        return VehicleOrder(order_id, 0, nodes, edges)
 
 
 def instant_action(kind: str, action_id: str, **parameters: str) -> dict[str, Any]:
