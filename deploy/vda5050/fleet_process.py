@@ -47,31 +47,18 @@ TaskOutcome = tuple[TaskState, str]
 """State of a task, and its reason."""
 
 
-class OrderFile:
-    """The current order of each robot, on disk before it is acknowledged.
+def read_order(folder: Path, robot: str) -> KeptOrder:
+    """The kept order of a robot; a blank one if it has none (UsageError if the file is damaged)."""
+    path = folder / f"{robot}.json"
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=KeptOrder) if path.exists() else KeptOrder()
+    except (OSError, msgspec.DecodeError) as error:
+        raise UsageError(f"{path}: {error}; move it away, and cancel the robot's tasks") from error
 
-    Args:
-        folder: for a file per robot; made if it is absent.
 
-    """
-
-    def __init__(self, folder: Path) -> None:
-        make_folder(folder)
-        self._folder = folder
-
-    def read(self, robot: str) -> KeptOrder:
-        """The order of a robot; a blank one if it has none (UsageError if the file is damaged)."""
-        path = self._folder / f"{robot}.json"
-        try:
-            return msgspec.json.decode(path.read_bytes(), type=KeptOrder)
-        except FileNotFoundError:
-            return KeptOrder()
-        except (OSError, msgspec.DecodeError) as error:
-            raise UsageError(f"{path}: {error}; move it away, and cancel the robot's tasks") from error
-
-    def write(self, robot: str, kept: KeptOrder) -> None:
-        """Replace the order of a robot; it is on disk when this returns."""
-        write_file(self._folder / f"{robot}.json", msgspec.json.encode(kept))
+def write_order(folder: Path, robot: str, kept: KeptOrder) -> None:
+    """Keep the order of a robot before it is acknowledged; it is on disk when this returns."""
+    write_file(folder / f"{robot}.json", msgspec.json.encode(kept))
 
 
 def submit(wire: Endpoint, task: Task) -> TaskOutcome:
@@ -112,7 +99,7 @@ class RobotVehicle:
     Args:
         vehicle: its address; its serial number is the robot's name.
         broker: where it is shown.
-        file: keeps the order.
+        folder: keeps the order.
         wire: of the team.
         tasks: asks the coordinator.
         halts: asks robots.
@@ -120,12 +107,12 @@ class RobotVehicle:
     """
 
     def __init__(
-        self, vehicle: vda.Vehicle, broker: Broker, file: OrderFile, wire: Endpoint, tasks: Asker, halts: Asker
+        self, vehicle: vda.Vehicle, broker: Broker, folder: Path, wire: Endpoint, tasks: Asker, halts: Asker
     ) -> None:
         self.state: RobotState | None = None
         self.path: PlannedPath | None = None
-        self.orders = RobotOrders(vehicle, file.read(vehicle.serial))
-        self._vehicle, self._file, self._wire, self._tasks, self._halts = vehicle, file, wire, tasks, halts
+        self.orders = RobotOrders(vehicle, read_order(folder, vehicle.serial))
+        self._vehicle, self._folder, self._wire, self._tasks, self._halts = vehicle, folder, wire, tasks, halts
         self._asked: dict[str, bool] = {}
         """Tasks that wait for a reply, and whether there was none: these are asked again."""
         self._times = vda.SendTimes()
@@ -157,7 +144,7 @@ class RobotVehicle:
         match message:
             case vda.VehicleOrder() as order:
                 if self.orders.handle_order(order, payload, self.state):
-                    self._file.write(self._vehicle.serial, self.orders.kept)
+                    write_order(self._folder, self._vehicle.serial, self.orders.kept)
             case vda.InstantActions(actions=actions):
                 for action in actions:
                     if action.action_id not in self.orders.instant:  # else it has come twice
@@ -170,7 +157,7 @@ class RobotVehicle:
         match action.action_type:
             case "cancelOrder":
                 if orders.cancel(action):
-                    self._file.write(serial, orders.kept)
+                    write_order(self._folder, serial, orders.kept)
             case "startPause" | "stopPause" as kind:
 
                 def report(found: HaltReport | None, _error: str) -> None:
@@ -314,7 +301,7 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
 
     """
     should_stop, who = LiveStop(), "vda5050 fleet"
-    file = OrderFile(folder)
+    make_folder(folder)
     session = open_when_there(who, team_endpoints(connect), should_stop)
     if session is None:
         return
@@ -340,7 +327,7 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
             for received in inbox.drain():
                 name = received.message.robot
                 if name not in vehicles and name in there and len(vehicles) < ROBOTS_MAX:
-                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, file, wire, tasks, halts)
+                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, folder, wire, tasks, halts)
                 if name in vehicles and received.topic is ROBOT_STATE:
                     vehicles[name].state = received.message
                 elif name in vehicles:

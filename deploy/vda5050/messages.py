@@ -14,6 +14,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import RobrainError
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, Speed
 
@@ -54,11 +55,6 @@ class Version(StrEnum):
     V2_1 = "2.1.0"
     V3_0 = "3.0.0"
 
-    @property
-    def interface(self) -> str:
-        """First levels of the suggested topics."""
-        return "uagv/v2" if self is Version.V2_1 else "vda5050/v3"
-
 
 class Vehicle(NamedTuple):
     """Address of a vehicle on MQTT, and its map."""
@@ -84,7 +80,7 @@ class Vehicle(NamedTuple):
 
     def topic(self, name: str) -> str:
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
-        return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
+        return f"{'uagv/v2' if self.is_old else 'vda5050/v3'}/{self.manufacturer}/{self.serial}/{name}"
 
     def payload(self, body: Any, header_id: int, now_ns: int) -> bytes:
         """A message with the protocol header; its body is a struct or a mapping, with the names of version 3."""
@@ -344,6 +340,15 @@ class State(VdaStruct):
         """Where the vehicle is; None if it does not know."""
         found = self.mobile_robot_position or self.agv_position
         return found if found and (found.localized or found.position_initialized) else None
+
+    @property
+    def battery(self) -> BatteryState | None:
+        """Its battery; None if it reports none."""
+        power = self.power_supply or self.battery_state
+        return None if not power else BatteryState(
+            voltage_v=power.battery_voltage or 0.0, current_a=-(power.battery_current or 0.0), temperature_c=0.0,
+            soc=(power.state_of_charge or power.battery_charge or 0.0) / 100.0, remaining_j=0.0,
+            charging=power.charging)  # fmt: skip
 
     @property
     def is_idle(self) -> bool:

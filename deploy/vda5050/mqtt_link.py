@@ -71,7 +71,7 @@ class MqttLink:
         topics: last levels of the topics of messages to receive.
         wire: its clock stamps messages, and it counts those that cannot be read or have no room in the inbox.
         will: name and body of the message that the broker publishes when the connection breaks.
-        will_delay_s: time in which a new connection of the same client prevents the will (MQTT 5); None for no delay.
+        will_delay_s: time in which a new connection of the same client prevents the will.
 
     """
 
@@ -83,7 +83,7 @@ class MqttLink:
         topics: Sequence[str],
         wire: Endpoint,
         will: tuple[str, Any],
-        will_delay_s: int | None = None,
+        will_delay_s: int = 0,
     ) -> None:
         self.connections = 0
         """Number of times that it has connected."""
@@ -92,8 +92,7 @@ class MqttLink:
         self._vehicle, self._topics, self._clock, self._refusals = vehicle, topics, wire.clock, wire.refusals
         self._inbox: deque[tuple[str, bytes]] = deque(maxlen=INBOX_CAPACITY)
         self._failure = ""
-        version = MQTTProtocolVersion.MQTTv311 if will_delay_s is None else MQTTProtocolVersion.MQTTv5
-        self._client = Client(CallbackAPIVersion.VERSION2, client_id, protocol=version)
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id, protocol=MQTTProtocolVersion.MQTTv5)
         self._client.on_connect, self._client.on_message = self._on_connect, self._on_message
         self._client.on_connect_fail = lambda *_: self._report(str(sys.exception()))
         self._client.reconnect_delay_set(RECONNECT_S, RECONNECT_S)
@@ -101,15 +100,12 @@ class MqttLink:
             self._client.username_pw_set(broker.user, broker.password)
         if broker.tls is not None:
             self._client.tls_set_context(broker.tls)
-        options: dict[str, Any] = {}
-        will_options: dict[str, Any] = {}
-        if will_delay_s is not None:  # the broker forgets a session together with its will
-            session, delay = Properties(PacketTypes.CONNECT), Properties(PacketTypes.WILLMESSAGE)
-            session.SessionExpiryInterval = will_delay_s + 1
-            delay.WillDelayInterval = will_delay_s
-            options, will_options = {"clean_start": False, "properties": session}, {"properties": delay}
-        self._client.will_set(*self._message(*will), **will_options)
-        self._client.connect_async(broker.host, broker.port, keepalive=KEEPALIVE_S, **options)
+        session, delay = Properties(PacketTypes.CONNECT), Properties(PacketTypes.WILLMESSAGE)
+        session.SessionExpiryInterval = will_delay_s + 1  # the broker forgets a session together with its will
+        delay.WillDelayInterval = will_delay_s
+        self._client.will_set(*self._message(*will), properties=delay)
+        options: dict[str, Any] = {"keepalive": KEEPALIVE_S, "clean_start": False, "properties": session}
+        self._client.connect_async(broker.host, broker.port, **options)
         self._client.loop_start()
 
     @property

@@ -15,7 +15,7 @@ import msgspec
 from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle, VehicleOrder
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.ranges import cut
@@ -43,6 +43,8 @@ STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
 
 
+UNKNOWN = State("", 0, "", 0, [], [], driving=False, operating_mode="STARTUP", action_states=[], errors=[])
+"""The state of a vehicle that has not sent one."""
 Outgoing = tuple[str, Any]
 """A topic of the vehicle, and the message without its header."""
 
@@ -57,7 +59,6 @@ class _Work(msgspec.Struct):
     cancelled: str = ""
     """Why it is cancelled once the vehicle has no order for it; empty if it is not to be cancelled."""
     sent_ns: int | None = None
-    last_sent_ns: int = -SETTLE_NS
     arrived_ns: int | None = None
 
 
@@ -80,26 +81,26 @@ class VehicleRobot:
         """Stamp of the last halt or resume of the team."""
         self._name, self._place, self._radius_m = name, vehicle, radius_m
         self.continues_for_s = continues_for_s
-        self._vehicle: State | None = None
+        self._vehicle = UNKNOWN
         self._work: _Work | None = None
         self._ended: TaskStatus | None = None
         self._epoch = 0
         self._received_ns = 0
         self._resumed_ns = -RESUME_NS
         self._times = vda.SendTimes()
-        self._in_flight = ("", -SETTLE_NS)
-        """The order of a task that was replaced, and when it was last sent."""
+        self._sent = ("", -SETTLE_NS)
+        """Id of the order that was sent last, and when."""
 
     # -- the vehicle's side -----------------------------------------------------------------------------------------
 
     @property
     def is_known(self) -> bool:
         """Whether the vehicle has sent its state."""
-        return self._vehicle is not None
+        return self._vehicle is not UNKNOWN
 
     def handle_state(self, state: State, now_ns: int) -> None:
         """Process a state; the first one tells which task the vehicle does."""
-        is_first, self._vehicle = self._vehicle is None, state
+        is_first, self._vehicle = not self.is_known, state
         if is_first and (held := _read_order_id(state.order_id)) is not None:
             task_id, self._epoch = held
             self._received_ns = now_ns
@@ -108,7 +109,7 @@ class VehicleRobot:
     def step(self, now_ns: int) -> list[Outgoing]:
         """Messages to send to the vehicle now."""
         vehicle, work = self._vehicle, self._work
-        if vehicle is None:
+        if not self.is_known:
             return self._instant("stateRequest", now_ns)
         if work is not None and now_ns - self._received_ns > work.lease_ns:
             self._cancel("the coordinator is silent, the lease ran out")
@@ -140,7 +141,7 @@ class VehicleRobot:
         elif stay_s is None:
             self._finish(TaskState.CANCELLED, work.cancelled or f"the vehicle has dropped the order: {faults}")
         else:
-            work.arrived_ns = now_ns if work.arrived_ns is None else work.arrived_ns
+            work.arrived_ns = work.arrived_ns or now_ns
             if now_ns >= work.arrived_ns + to_ns(stay_s):
                 self._finish(TaskState.DONE, "")
             elif work.cancelled:
@@ -152,18 +153,18 @@ class VehicleRobot:
             one.words for one in vehicle.errors if order is not None and one.refers_to("orderId", order.order_id)
         ]
         if work.cancelled:
-            if work.sent_ns is None or now_ns - work.last_sent_ns > SETTLE_NS:
+            if work.sent_ns is None or now_ns - self._sent[1] > SETTLE_NS:
                 self._finish(TaskState.CANCELLED, work.cancelled)
         elif order is None or (not vehicle.is_idle and _read_order_id(vehicle.order_id) is None):
             self._finish(TaskState.CANCELLED, f"the vehicle has the order {vehicle.order_id} of another master")
         elif refused or (work.sent_ns is not None and now_ns - work.sent_ns > GIVE_UP_NS):
             why = "; ".join(refused or [error.words for error in vehicle.errors]) or "no reason given"
             self._finish(TaskState.FAILED, f"the vehicle does not accept the order: {why}")
-        elif self._in_flight[0] != vehicle.order_id and now_ns - self._in_flight[1] < SETTLE_NS:
+        elif self._sent[0] not in (order.order_id, vehicle.order_id) and now_ns - self._sent[1] < SETTLE_NS:
             pass  # the order before may still arrive
-        elif vehicle.is_idle and (work.sent_ns is None or now_ns - work.last_sent_ns >= AGAIN_NS):
-            work.sent_ns = now_ns if work.sent_ns is None else work.sent_ns
-            work.last_sent_ns = now_ns
+        elif vehicle.is_idle and (work.sent_ns is None or now_ns - self._sent[1] >= AGAIN_NS):
+            work.sent_ns = work.sent_ns or now_ns
+            self._sent = (order.order_id, now_ns)
             return [("order", order)]
         return []
 
@@ -210,17 +211,14 @@ class VehicleRobot:
             places = _places(task)
         except (BadParameters, ValueError) as error:
             return TaskAnswer.refused(plain("vehicle_cannot", str(error)))
-        vehicle = self._vehicle
-        refusal = self._refusal(offer)
-        if refusal is not None or vehicle is None or vehicle.position is None:
+        at, refusal = self._vehicle.position, self._refusal(offer)
+        if refusal is not None or at is None:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
-        if (work := self._work) is not None:
-            if work.order is not None:
-                self._in_flight = (work.order.order_id, work.last_sent_ns)
+        if self._work is not None:
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")
         self._epoch, self._received_ns = epoch, now_ns
         lease_s = max(offer.lease_s, self.continues_for_s)
-        self._begin(task.id, epoch, lease_s, self._order(task, epoch, places, vehicle.position))
+        self._begin(task.id, epoch, lease_s, self._order(task, epoch, places, at))
         return TaskAnswer(accepted=True)
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
@@ -250,52 +248,37 @@ class VehicleRobot:
     @property
     def has_stopped(self) -> bool:
         """Whether the vehicle confirms that it is paused and stands."""
-        return self._vehicle is not None and bool(self._vehicle.paused) and not self._vehicle.driving
+        return bool(self._vehicle.paused) and not self._vehicle.driving
 
     @property
     def path(self) -> list[Point2D]:
         """The path ahead: the one that the vehicle reports, else straight lines; empty when it has no order."""
-        vehicle = self._vehicle
-        if vehicle is None or vehicle.position is None or not vehicle.node_states:
+        vehicle, order = self._vehicle, self._work.order if self._work is not None else None
+        if vehicle.position is None or not vehicle.node_states:
             return []
+        found: list[vda.Waypoint] = [vehicle.position]
         if vehicle.intermediate_path:
-            found = [(point.x, point.y) for point in vehicle.intermediate_path.polyline]
-        else:
-            order = self._work.order if self._work is not None else None
-            known = {node.sequence_id: node.node_position for node in order.nodes} if order is not None else {}
-            places = (known.get(one.sequence_id) for one in vehicle.node_states)
-            found = [(vehicle.position.x, vehicle.position.y), *((at.x, at.y) for at in places if at)]
-        poses = [self._place.to_arena(*point) for point in found]
+            found = [*vehicle.intermediate_path.polyline]
+        elif order is not None:
+            ahead = {one.sequence_id for one in vehicle.node_states}
+            found += [node.node_position for node in order.nodes if node.node_position and node.sequence_id in ahead]
+        poses = [self._place.to_arena(point.x, point.y) for point in found]
         return [Point2D(pose.x_m, pose.y_m) for pose in poses]
 
     def robot_state(self) -> RobotState:
         """The vehicle as a robot; its state must be known."""
-        vehicle = self._vehicle
-        assert vehicle is not None
-        at, faults, power = vehicle.position, _faults(vehicle), vehicle.power_supply or vehicle.battery_state
+        vehicle, is_halted = self._vehicle, self.latch.is_held
+        at, faults, moving = vehicle.position, _faults(vehicle), vehicle.velocity or vda.Velocity()
         lost = "" if at is not None else "the vehicle does not know its position"
         if at is not None and self._place.map_id not in ("", at.map_id):
             lost = f"expected map {self._place.map_id}, got {at.map_id}"
             at = None
-        is_halted, moving = self.latch.is_held, vehicle.velocity or vda.Velocity()
-        battery = None
-        if power:
-            volts, amperes = power.battery_voltage or 0.0, power.battery_current or 0.0
-            soc = (power.state_of_charge or power.battery_charge or 0.0) / 100.0
-            battery = BatteryState(
-                voltage_v=volts,
-                current_a=-amperes,
-                temperature_c=0.0,
-                soc=soc,
-                remaining_j=0.0,
-                charging=power.charging,
-            )
         return RobotState(
             robot=self._name,
             pose=None if at is None else self._place.to_arena(at.x, at.y, at.theta),
             velocity=Twist2D(moving.vx, moving.vy, moving.omega),
             radius_m=self._radius_m,
-            battery=battery,
+            battery=vehicle.battery,
             behavior=VEHICLE if self._work is not None else "",
             task=self._status,
             task_before=self._ended,
@@ -310,7 +293,7 @@ class VehicleRobot:
 
     @property
     def _mapped(self) -> Vehicle:
-        at = self._vehicle.position if self._vehicle is not None else None
+        at = self._vehicle.position
         return self._place if self._place.map_id or at is None else self._place._replace(map_id=at.map_id)
 
     def _refusal(self, offer: TaskOffer) -> OfferRefusal | None:
@@ -319,8 +302,8 @@ class VehicleRobot:
             return RobotHalted()
         if offer.after:
             return plain("vehicle_holds_none", "the vehicle holds no second task")
-        if vehicle is None or vehicle.operating_mode not in DRIVES:
-            return plain("vehicle_mode", f"operating mode {'unknown' if vehicle is None else vehicle.operating_mode}")
+        if vehicle.operating_mode not in DRIVES:
+            return plain("vehicle_mode", f"operating mode {vehicle.operating_mode}")
         faults = _faults(vehicle)
         return plain("vehicle_faulted", faults) if faults else None
 
@@ -362,12 +345,10 @@ class VehicleRobot:
         return VehicleOrder(order_id, 0, nodes, edges)
 
 
-def instant_action(kind: str, action_id: str, **parameters: str) -> dict[str, Any]:
+def instant_action(kind: str, action_id: str, **parameters: str) -> vda.InstantActions:
     """A message with an instant action; both versions accept the blocking type NONE."""
-    action: dict[str, Any] = {"actionType": kind, "actionId": action_id, "blockingType": "NONE"}
-    if parameters:
-        action["actionParameters"] = [{"key": key, "value": value} for key, value in parameters.items()]
-    return {"actions": [action]}
+    found = [vda.ActionParameter(key, value) for key, value in parameters.items()]
+    return vda.InstantActions([vda.OrderAction(kind, action_id, "NONE", found)])
 
 
 def _places(task: Task) -> list[Point2D]:

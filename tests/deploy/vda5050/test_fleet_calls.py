@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.deploy.vda5050.fleet_process import OrderFile, cancel, submit
+from robrain.deploy.vda5050.fleet_process import cancel, read_order, submit, write_order
 from robrain.deploy.vda5050.messages import OrderNode
 from robrain.deploy.vda5050.robot_orders import KeptOrder
 from robrain.protocol.errors import CallError, ErrorCode
@@ -38,11 +38,10 @@ def test_only_a_refusal_ends_a_task() -> None:
 
 
 def test_an_order_is_on_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
-    file = OrderFile(tmp_path / "orders")
-    assert file.read("r1") == KeptOrder()
+    assert read_order(tmp_path, "r1") == KeptOrder()
     kept = KeptOrder("o", 3, [OrderNode("n", 2, True, [])], [], "d", ["c"])
-    file.write("r1", kept)
-    assert OrderFile(tmp_path / "orders").read("r1") == kept
-    (tmp_path / "orders" / "r1.json").write_bytes(msgspec.json.encode([1]))
+    write_order(tmp_path, "r1", kept)
+    assert read_order(tmp_path, "r1") == kept
+    (tmp_path / "r1.json").write_bytes(msgspec.json.encode([1]))
     with pytest.raises(UsageError, match=r"r1\.json"):
-        file.read("r1")
+        read_order(tmp_path, "r1")
