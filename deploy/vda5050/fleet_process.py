@@ -1,5 +1,6 @@
 """`robrain vda5050 fleet`: a VDA 5050 master sees the robots of a team as vehicles, and gives them orders."""
 
+import math
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
@@ -150,7 +151,7 @@ class RobotVehicle:
                     if action.action_id not in self.orders.instant:  # else it has come twice
                         self._do(action)
             case error:
-                self.orders.reject_payload(str(error))
+                self.orders.reject("VALIDATION_FAILURE", str(error))
 
     def _do(self, action: vda.OrderAction) -> None:
         orders, serial = self.orders, self._vehicle.serial
@@ -238,14 +239,14 @@ def _paths(vehicle: vda.Vehicle, path: PlannedPath | None, now_ns: int) -> dict[
     """The robot's planned path as both paths of version 3; nothing while it stands."""
     if path is None or len(path.points) < 2:
         return {}
-    points = [vehicle.from_arena(point.x_m, point.y_m) for point in path.points[:WAYPOINTS_MAX]]
+    points = [vehicle.waypoint(point.x_m, point.y_m) for point in path.points[:WAYPOINTS_MAX]]
     along_m, last, waypoints = 0.0, len(points) - 1, []
     for before, at in zip([points[0], *points], points, strict=False):
-        along_m += before.distance_m(at)
+        along_m += math.hypot(at.x - before.x, at.y - before.y)
         eta_ns = now_ns + to_ns(along_m / (path.speed_m_s or SPEED_M_S))
-        waypoints.append({"x": at.x_m, "y": at.y_m, "eta": vda.timestamp(eta_ns)})
+        waypoints.append({"x": at.x, "y": at.y, "eta": vda.timestamp(eta_ns)})
     knots = [0.0, *(number / last for number in range(last + 1)), 1.0]
-    curve = {"degree": 1, "knotVector": knots, "controlPoints": [{"x": at.x_m, "y": at.y_m} for at in points]}
+    curve = {"degree": 1, "knotVector": knots, "controlPoints": points}
     return {"plannedPath": {"trajectory": curve}, "intermediatePath": {"polyline": waypoints}}
 
 

@@ -15,7 +15,7 @@ from msgspec import UNSET, Meta, UnsetType
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.messages.robots.robot_messages import BatteryState
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, Speed
 
 NODES_MAX = 1000
@@ -35,14 +35,10 @@ NAMES_2 = {
     "minimumHeight": "heightMin", "maximumHeight": "heightMax", "maximumStringLengths": "maxStringLens",
     "maximumIdLength": "idLen", "maximumArrayLengths": "maxArrayLens", "minimumOrderInterval": "minOrderInterval",
     "minimumStateInterval": "minStateInterval", "mobileRobotActions": "agvActions",
-    "mobileRobotGeometry": "agvGeometry",
+    "mobileRobotGeometry": "agvGeometry", "instantActionStates": "", "plannedPath": "", "intermediatePath": "",
+    "referenceStateHeaderId": "", "blockingTypes": "", "pauseAllowed": "", "cancelAllowed": "",
 }  # fmt: skip
-"""Names of fields in version 2, by those in version 3."""
-ONLY_3 = {
-    "instantActionStates", "plannedPath", "intermediatePath", "referenceStateHeaderId", "blockingTypes", "pauseAllowed",
-    "cancelAllowed",
-}  # fmt: skip
-"""Fields that version 2 does not have."""
+"""Names of fields in version 2, by those in version 3; empty where version 2 has no such field."""
 
 
 class BadVehicleMessage(RobrainError):
@@ -54,6 +50,17 @@ class Version(StrEnum):
 
     V2_1 = "2.1.0"
     V3_0 = "3.0.0"
+
+
+class VdaStruct(msgspec.Struct, rename="camel"):
+    """A message without its header, or a part of one."""
+
+
+class Waypoint(VdaStruct):
+    """A point in the map's frame, metres."""
+
+    x: Metres
+    y: Metres
 
 
 class Vehicle(NamedTuple):
@@ -78,6 +85,16 @@ class Vehicle(NamedTuple):
         """A pose of the arena frame in the map's."""
         return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))
 
+    def waypoint(self, x_m: float, y_m: float) -> Waypoint:
+        """A point of the arena frame in the map's."""
+        at = self.from_arena(x_m, y_m)
+        return Waypoint(at.x_m, at.y_m)
+
+    def place(self, at: Waypoint) -> Point2D:
+        """A point of the map in the arena frame."""
+        pose = self.to_arena(at.x, at.y)
+        return Point2D(pose.x_m, pose.y_m)
+
     def topic(self, name: str) -> str:
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
         return f"{'uagv/v2' if self.is_old else 'vda5050/v3'}/{self.manufacturer}/{self.serial}/{name}"
@@ -98,7 +115,7 @@ class Vehicle(NamedTuple):
 def _names_2(content: Any) -> Any:
     match content:
         case dict():
-            return {NAMES_2.get(key, key): _names_2(one) for key, one in content.items() if key not in ONLY_3}
+            return {name: _names_2(one) for key, one in content.items() if (name := NAMES_2.get(key, key))}
         case list():
             return [_names_2(one) for one in content]
     return content
@@ -122,10 +139,6 @@ def timestamp(now_ns: int) -> str:
     """A stamp of the live clock in the form of the standard."""
     stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
     return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-class VdaStruct(msgspec.Struct, rename="camel"):
-    """A message without its header, or a part of one."""
 
 
 # -- orders and actions -----------------------------------------------------------------------------------------------
@@ -163,13 +176,6 @@ Actions = Annotated[list[OrderAction], Meta(max_length=64)]
 
 Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
 """Allowed distance from a node, metres; in version 3 an ellipse with half axes `a` and `b`."""
-
-
-class Waypoint(VdaStruct):
-    """A point in the map's frame, metres."""
-
-    x: Metres
-    y: Metres
 
 
 class NodePosition(Waypoint):

@@ -7,13 +7,14 @@ after a restart, and the coordinator's journal has their states.
 import hashlib
 import re
 from itertools import zip_longest
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from robrain.deploy.vda5050 import messages as vda
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
 
@@ -41,6 +42,7 @@ UNUSED_OF_EDGES = {
 """Optional fields of an edge that bind a vehicle, and that robots cannot obey."""
 WAIT = "wait"
 """The action of a node that robots do: they stay for its parameter `duration`, seconds."""
+WaitTime = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 NEAR_M = 0.5
 """A robot stands on a node within this distance, if the node does not allow more."""
 INSTANT_MAX = 32
@@ -54,8 +56,6 @@ class KeptOrder(vda.VdaStruct):
     order_update_id: int = 0
     nodes: list[vda.OrderNode] = msgspec.field(default_factory=list)
     edges: list[vda.OrderEdge] = msgspec.field(default_factory=list)
-    digest: str = ""
-    """Of the last update, which may arrive again."""
     cancelled_by: list[str] = msgspec.field(default_factory=list)
     """Ids of the actions that cancelled it."""
 
@@ -117,12 +117,11 @@ class RobotOrders:
             state: of the robot; None if it is unknown.
 
         """
-        content = msgspec.json.encode([order.nodes, order.edges])
-        digest = hashlib.sha256(content).hexdigest()
         kept = self.kept
         is_update = order.order_id == kept.order_id and bool(kept.nodes)
-        if is_update and (order.order_update_id, digest) == (kept.order_update_id, kept.digest):
-            return False
+        last = (kept.order_update_id, kept.nodes[-len(order.nodes) :])
+        if is_update and (order.order_update_id, order.nodes) == last:
+            return False  # it has come twice
         try:
             self._check_form(order, payload)
             if not is_update:
@@ -130,26 +129,26 @@ class RobotOrders:
             nodes, edges = self._base(order) if is_update else ([], [])
         except _Refused as error:
             if error.kind != "SAME_ORDER_UPDATE_ID" or not self._vehicle.is_old:
-                references = {"orderId": order.order_id, "orderUpdateId": str(order.order_update_id)}
-                self._reject(error.kind, str(error), references)
+                update = str(order.order_update_id)
+                self.reject(error.kind, str(error), orderId=order.order_id, orderUpdateId=update)
             return False
         nodes, edges = [*nodes, *order.nodes], [*edges, *order.edges]
-        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges, digest)
+        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges)
         self._rejections.clear()
         if not is_update:
             self.instant = {key: one for key, one in self.instant.items() if one.action_status not in vda.ENDED}
         self._update_tasks()
         return True
 
-    def reject_payload(self, text: str) -> None:
-        """Report a message that cannot be read."""
-        self._reject("VALIDATION_FAILURE", text, {})
+    def reject(self, kind: str, text: str, **references: str) -> None:
+        """Report a message that is rejected; `kind` is an error type of version 3."""
+        self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
 
     def cancel(self, action: vda.OrderAction) -> bool:
         """Cancel the order; whether the kept order has changed."""
         wanted = action.parameter("orderId")
         if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
-            self._reject("NO_ORDER_TO_CANCEL", "there is no such order", {"actionId": action.action_id})
+            self.reject("NO_ORDER_TO_CANCEL", "there is no such order", actionId=action.action_id)
             self.set_instant(action, "FAILED")
             return False
         self.kept.cancelled_by = [action.action_id]
@@ -160,8 +159,7 @@ class RobotOrders:
 
     def refuse_action(self, action: vda.OrderAction) -> None:
         """Report an instant action that robots cannot do."""
-        text = f"no robot can {action.action_type}"
-        self._reject("INVALID_INSTANT_ACTION", text, {"actionId": action.action_id})
+        self.reject("INVALID_INSTANT_ACTION", f"no robot can {action.action_type}", actionId=action.action_id)
         self.set_instant(action, "FAILED")
 
     def set_instant(self, action: vda.OrderAction, status: vda.ActionStatus) -> None:
@@ -169,9 +167,6 @@ class RobotOrders:
         self.instant[action.action_id] = vda.ActionState(action.action_id, status, action.action_type)
         if len(self.instant) > INSTANT_MAX:
             del self.instant[next(iter(self.instant))]
-
-    def _reject(self, kind: str, text: str, references: dict[str, str]) -> None:
-        self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
 
     def _error(self, kind: str, text: str, references: dict[str, str]) -> vda.VehicleError:
         is_old = self._vehicle.is_old
@@ -182,12 +177,10 @@ class RobotOrders:
 
     def _check_form(self, order: vda.VehicleOrder, payload: bytes) -> None:
         nodes, edges = order.nodes, order.edges
-        if len(edges) != len(nodes) - 1:
-            raise _Refused("VALIDATION_FAILURE", f"expected {len(nodes) - 1} edges, got {len(edges)}")
         parts = [part for pair in zip_longest(nodes, edges) for part in pair if part is not None]
-        first = nodes[0].sequence_id
-        if [part.sequence_id for part in parts] != list(range(first, first + len(parts))) or first % 2:
-            raise _Refused("VALIDATION_FAILURE", "expected sequence ids that count on")
+        numbers, first = [part.sequence_id for part in parts], nodes[0].sequence_id
+        if len(edges) != len(nodes) - 1 or first % 2 or numbers != list(range(first, first + len(parts))):
+            raise _Refused("VALIDATION_FAILURE", "expected nodes and edges in turn, with sequence ids that count on")
         released = [part.released for part in parts]
         if not released[0] or sorted(released, reverse=True) != released or sum(released) % 2 == 0:
             raise _Refused("VALIDATION_FAILURE", "expected released nodes and edges before all others")
@@ -232,7 +225,7 @@ class RobotOrders:
             raise _Refused("MOBILE_ROBOT_NOT_AVAILABLE", "the robot does not know its position")
         at = order.nodes[0].node_position
         assert at
-        away_m = self._vehicle.to_arena(at.x, at.y).distance_m(state.pose)
+        away_m = state.pose.distance_m(self._vehicle.place(at))
         if away_m > max(at.deviation_m, NEAR_M):
             raise _Refused("START_NODE_OUT_OF_RANGE", f"the robot is {away_m:.2f} m away from the first node")
 
@@ -259,9 +252,8 @@ class RobotOrders:
             service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
             if not node.released or not node.node_position or (node.sequence_id == 0 and not service_s):
                 continue
-            pose = self._vehicle.to_arena(node.node_position.x, node.node_position.y)
             fields: dict[str, Any] = {"id": f"{name}-{node.sequence_id}", "needs": [serial], "after": after}
-            task = Task(kind=VISIT, place=Point2D(pose.x_m, pose.y_m), service_s=service_s, **fields)
+            task = Task(kind=VISIT, place=self._vehicle.place(node.node_position), service_s=service_s, **fields)
             self.tasks[task.id] = before.get(task.id) or NodeTask(node, task)
             after = [task.id]
 
@@ -334,11 +326,9 @@ class RobotOrders:
 
 def _wait_s(action: vda.OrderAction) -> float | None:
     """Duration of a wait; None for an action that robots cannot do."""
-    duration = action.parameter("duration")
     if action.action_type != WAIT or action.blocking_type not in ("SOFT", "HARD"):
         return None
     try:
-        duration_s = float(duration)
-    except (TypeError, ValueError):
+        return msgspec.convert(action.parameter("duration"), WaitTime, strict=False)
+    except msgspec.ValidationError:
         return None
-    return duration_s if 0.0 <= duration_s <= 86_400.0 else None

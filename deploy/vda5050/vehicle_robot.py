@@ -38,6 +38,7 @@ START_DEVIATION_M = 0.5
 VEHICLE = "vehicle"
 """Holder of a halt that is the vehicle's own pause; operators end it, or the vehicle."""
 ORDER_ID = re.compile(r"robrain:([A-Za-z0-9_.\-]+):([0-9]+)")
+STAY = re.compile(r"[0-9]{1,15}")
 DRIVES = ("AUTOMATIC", "SEMIAUTOMATIC")
 STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
@@ -129,20 +130,20 @@ class VehicleRobot:
         """Whether the vehicle has the task's order, or does or has completed one of an earlier epoch."""
         if held is None or held[0] != work.status.id:
             return False
-        is_earlier = not vehicle.is_idle or _stay_s(vehicle) is not None
+        is_earlier = not vehicle.is_idle or _stay_ns(vehicle) is not None
         return is_earlier or work.order is None or work.order.order_id == vehicle.order_id
 
     def _check_progress(self, work: _Work, vehicle: State, now_ns: int) -> None:
         faults = _faults(vehicle)
-        stay_s = _stay_s(vehicle)
+        stay_ns = _stay_ns(vehicle)
         if not vehicle.is_idle:
             if faults:
                 self._finish(TaskState.FAILED, faults)
-        elif stay_s is None:
+        elif stay_ns is None:
             self._finish(TaskState.CANCELLED, work.cancelled or f"the vehicle has dropped the order: {faults}")
         else:
             work.arrived_ns = work.arrived_ns or now_ns
-            if now_ns >= work.arrived_ns + to_ns(stay_s):
+            if now_ns >= work.arrived_ns + stay_ns:
                 self._finish(TaskState.DONE, "")
             elif work.cancelled:
                 self._finish(TaskState.CANCELLED, work.cancelled)
@@ -262,8 +263,7 @@ class VehicleRobot:
         elif order is not None:
             ahead = {one.sequence_id for one in vehicle.node_states}
             found += [node.node_position for node in order.nodes if node.node_position and node.sequence_id in ahead]
-        poses = [self._place.to_arena(point.x, point.y) for point in found]
-        return [Point2D(pose.x_m, pose.y_m) for pose in poses]
+        return [self._place.place(point) for point in found]
 
     def robot_state(self) -> RobotState:
         """The vehicle as a robot; its state must be known."""
@@ -331,9 +331,9 @@ class VehicleRobot:
         order_id, around = f"robrain:{task.id}:{epoch}", START_DEVIATION_M
         allowed: vda.Deviation = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
         at_start = vda.NodePosition(start.x, start.y, start.map_id, allowed_deviation=allowed)
-        on_map = (self._place.from_arena(place.x_m, place.y_m) for place in places)
-        positions = [at_start, *(vda.NodePosition(at.x_m, at.y_m, start.map_id) for at in on_map)]
-        names = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{task.service_s:g}"]
+        on_map = (self._place.waypoint(place.x_m, place.y_m) for place in places)
+        positions = [at_start, *(vda.NodePosition(at.x, at.y, start.map_id) for at in on_map)]
+        names = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{to_ns(task.service_s)}"]
         nodes = [
             vda.OrderNode(name, 2 * number, True, [], position)
             for number, (name, position) in enumerate(zip(names, positions, strict=True))
@@ -371,15 +371,10 @@ def _read_order_id(order_id: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _stay_s(vehicle: State) -> float | None:
+def _stay_ns(vehicle: State) -> int | None:
     """Time to stay at the last node of the order, once the vehicle has reached it; None before."""
-    text = vehicle.last_node_id.removeprefix(f"{vehicle.order_id}:")
-    if text == vehicle.last_node_id:
-        return None
-    try:
-        return min(max(float(text), 0.0), 1e6)
-    except ValueError:
-        return None
+    order_id, _, stay_ns = vehicle.last_node_id.rpartition(":")
+    return int(stay_ns) if order_id == vehicle.order_id and STAY.fullmatch(stay_ns) else None
 
 
 def _faults(vehicle: State) -> str:
@@ -399,8 +394,7 @@ def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str
     for zone in zones:
         if zone.kind not in ZONE_TYPES or not zone.binds(robot):
             continue
-        corners = [vehicle.from_arena(x_m, y_m) for x_m, y_m in zone.corners_m]
-        vertices = [{"x": corner.x_m, "y": corner.y_m} for corner in corners]
+        vertices = [vehicle.waypoint(x_m, y_m) for x_m, y_m in zone.corners_m]
         content: dict[str, Any] = {"zoneId": zone.name, "zoneType": ZONE_TYPES[zone.kind], "vertices": vertices}
         if zone.speed_m_s is not None:
             content["maximumSpeed"] = zone.speed_m_s

@@ -39,7 +39,7 @@ def test_only_a_refusal_ends_a_task() -> None:
 
 def test_an_order_is_on_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
     assert read_order(tmp_path, "r1") == KeptOrder()
-    kept = KeptOrder("o", 3, [OrderNode("n", 2, True, [])], [], "d", ["c"])
+    kept = KeptOrder("o", 3, [OrderNode("n", 2, True, [])], [], ["c"])
     write_order(tmp_path, "r1", kept)
     assert read_order(tmp_path, "r1") == kept
     (tmp_path / "r1.json").write_bytes(msgspec.json.encode([1]))
