@@ -1,6 +1,7 @@
 """Common options of commands, their parsing, and the printing of results; light, as every command loads it."""
 
 import math
+import os
 import re
 from enum import StrEnum
 from pathlib import Path
@@ -142,6 +143,19 @@ def make_folder(folder: Path) -> None:
         raise UsageError(
             f"{folder.absolute()} cannot be made: {error.strerror}; run robrain in another folder"
         ) from error
+
+
+def write_file(path: Path, data: bytes, mode: int = 0o600) -> None:
+    """Write a file in one step, and onto the disk: a reader sees the old or the new one."""
+    new = path.with_name(f".{path.name}.new")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    new.chmod(mode)
+    new.replace(path)
 
 
 def next_file(folder: Path, name: str, suffix: str = ".mcap") -> Path:
