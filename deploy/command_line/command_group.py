@@ -11,15 +11,12 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
+from robrain.deploy.command_line.command_app import HEADINGS
 from robrain.deploy.errors import UsageError
 from robrain.protocol.extras import missing_package
 
 ENTRY_POINTS = "robrain.commands"
 """Group of entry points: each names a `typer.Typer`. The extra with all that its commands need is in brackets."""
-SIMULATE, START, OPERATE = "Simulate", "Start a team", "Operate a team"
-RECORDINGS, SET_UP, CONNECT = "Record and look back", "Set up", "Connect other programs"
-HEADINGS = (SIMULATE, START, OPERATE, RECORDINGS, SET_UP, CONNECT)
-"""Of `robrain --help`: a command is below its `rich_help_panel`, or that of its app, and else at the end."""
 OTHERS = "Other commands"
 
 logger = logging.getLogger(__name__)
