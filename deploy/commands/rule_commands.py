@@ -31,9 +31,9 @@ def list_rules(connect: ConnectTeam) -> Shown:
 @rule_app.team_command()
 def put(connect: ConnectTeam, file: Annotated[Path, typer.Argument(help="TOML file with [[rules]].")]) -> Shown:
     """Add the rules of a file; they replace rules with the same names. All others keep their states."""
-    from robrain.deploy.processes.table_files import read_tables
+    from robrain.deploy.processes.table_files import tables_in
 
-    rules = read_tables(file, ChangedRules, "FILE").rules
+    rules = tables_in(file, ChangedRules, "FILE").rules
     if not rules:
         raise UsageError(f"FILE {file}: expected at least one table [[rules]]")
     return _shown(connect().change_rules(*rules))

@@ -22,6 +22,7 @@ from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
+from robrain.protocol.toml_text import toml_of
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec, faults_refusal
@@ -174,7 +175,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_toml(self) -> str:
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
-        return scenario_file.document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
+        return toml_of(self.document(Path(MAP_YAML_ATTACHMENT)))
 
     def document(self, map_file: Path | None = None) -> dict[str, Any]:
         """The tables of a scenario file with every key, as plain values; None stands for an absent key.
