@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import SIMULATE, CommandApp
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import NearOption
 
 bench_app = CommandApp(SIMULATE, "bench", "Run benchmarks; each figure is shown beside its bound.")

@@ -13,8 +13,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import CONNECT, RECORDINGS, SIMULATE, START
-from robrain.deploy.command_line.command_group import CommandGroup, add_registered, missing_extra
+from robrain.deploy.command_line.command_group import (
+    CONNECT,
+    RECORDINGS,
+    SIMULATE,
+    START,
+    CommandGroup,
+    add_registered,
+    missing_extra,
+)
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,

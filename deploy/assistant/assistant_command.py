@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.state_folder import state_folder

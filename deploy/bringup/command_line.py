@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import SET_UP, CommandApp
+from robrain.deploy.command_line.command_group import SET_UP, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption
 
 bringup_app = CommandApp(SET_UP)

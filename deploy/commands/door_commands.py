@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from robrain.client.door_keeper import DoorKeeper
-from robrain.deploy.command_line.command_app import CONNECT, CommandApp
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there

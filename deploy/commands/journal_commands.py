@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_either
 from robrain.deploy.errors import UsageError

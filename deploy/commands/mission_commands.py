@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam, Shown
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.tasks.task_files import values_set
 from robrain.protocol.messages.tasks.mission_messages import MissionStatus, StepState
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
 from robrain.deploy.command_line.options import JsonOption, RobotArgument
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.errors import UsageError

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
 from robrain.deploy.command_line.options import RobotArgument, place
 from robrain.deploy.command_line.output import print_result
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam, Shown
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.errors import UsageError
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus, RuleTable

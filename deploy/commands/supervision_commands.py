@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, SET_UP, START, CommandApp
+from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START, CommandApp
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,

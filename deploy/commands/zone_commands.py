@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam, Shown
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.errors import UsageError
 from robrain.protocol.model.zone import Zone
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import SET_UP, CommandApp
+from robrain.deploy.command_line.command_group import SET_UP, CommandApp
 
 FILES = Path(__file__).parent
 FOLDERS = ("systemd", "zenohd", "nginx", "udev", "network", "time", "logs", "observability")

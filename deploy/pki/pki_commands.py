@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import SET_UP, START, CommandApp
+from robrain.deploy.command_line.command_group import SET_UP, START, CommandApp
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import RECORDINGS, CommandApp
+from robrain.deploy.command_line.command_group import RECORDINGS, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_json
 from robrain.deploy.errors import UsageError

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import CONNECT, CommandApp
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name

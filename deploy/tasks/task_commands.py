@@ -10,7 +10,7 @@ import msgspec
 import typer
 
 from robrain.client.submission import AS_SENT, ChangeFields, TaskFields, any_zone, submission_of
-from robrain.deploy.command_line.command_app import OPERATE, CommandApp, ConnectTeam, Shown
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.command_line.options import JsonOption, place
 from robrain.deploy.command_line.output import print_either, print_json
 from robrain.deploy.errors import UsageError

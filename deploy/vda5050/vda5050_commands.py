@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import CONNECT, CommandApp
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, point
 from robrain.deploy.errors import UsageError
 from robrain.deploy.vda5050.messages import Vehicle, Version

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_app import SIMULATE, CommandApp
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import JsonOption
 from robrain.deploy.command_line.output import print_json
 

@@ -6,7 +6,6 @@ It receives the same patches that the robots send each other, so its map is the 
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 
 import msgspec
 import numpy as np
@@ -93,8 +92,10 @@ class Referee:
     def step(self) -> None:
         """Merge the patches that have arrived."""
         for received in self._inbox.drain():
-            with suppress(ValueError):  # a patch that cannot be merged counts as not seen
+            try:
                 merge_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
+            except ValueError:
+                continue  # a patch that cannot be merged counts as not seen
         if self.grid.version != self._version and self._total:
             self._version = self.grid.version
             self._fraction = int(self._weights[self.grid.known()].sum()) / self._total

@@ -9,8 +9,7 @@ from typer.main import get_command
 
 from robrain.cli import all_commands
 from robrain.deploy.command_line import command_group
-from robrain.deploy.command_line.command_app import HEADINGS
-from robrain.deploy.command_line.command_group import ENTRY_POINTS, CommandGroup, add_registered
+from robrain.deploy.command_line.command_group import ENTRY_POINTS, HEADINGS, CommandGroup, add_registered
 
 
 def test_every_command_is_under_one_heading() -> None:
