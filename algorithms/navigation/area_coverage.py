@@ -50,7 +50,7 @@ def lanes_over(
     directions_rad = (yaw_rad, yaw_rad + math.pi / 2)
     found = [_cells(floor, geometry, direction_rad, width_m, width_m) for direction_rad in directions_rad]
     found = [[lanes for lanes in cells if _length_m(lanes[0]) >= width_m / 2] for cells in found]
-    strips = min((strips for strips in found if strips), key=lambda strips: sum(map(len, strips)), default=[])
+    strips = min((strips for strips in found if strips), key=lambda some: len(sum(some, [])), default=list[Strip]())
     slots, count = touching(floor & ~_covered(floor, geometry, strips, width_m), corners=True)
     for slot in range(1, count + 1):
         found = [_lanes_in_slot(slots == slot, geometry, direction_rad, width_m) for direction_rad in directions_rad]

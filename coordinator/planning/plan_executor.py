@@ -1,10 +1,10 @@
 """Executes the plan: offers due tasks, publishes why tasks are unplanned, and fails those unplanned for too long."""
 
-import math
 from collections.abc import Callable, Sequence
 
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.snapshot import urgency
 from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
@@ -143,7 +143,7 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusa
     """
     free = {robot.name: robot for robot in idle}
     offers = []
-    for record in sorted(ready, key=_urgency):
+    for record in sorted(ready, key=urgency):
         if not free:
             break
         able = [
@@ -156,8 +156,3 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusa
             del free[chosen]
             offers.append((record.task.id, chosen))
     return offers
-
-
-def _urgency(record: TaskRecord) -> tuple[float, float, int]:
-    deadline_ns = record.task.deadline_ns
-    return (-record.task.priority, math.inf if deadline_ns is None else deadline_ns, record.submitted_ns)

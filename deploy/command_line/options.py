@@ -21,7 +21,7 @@ ConnectOption = Annotated[
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 RobotArgument = Annotated[str, typer.Argument(help="Name of a robot.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 
 
 class WireFormat(StrEnum):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START
+from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START, CommandApp
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,
@@ -34,8 +34,8 @@ EXIT_WRONG = 1
 """Exit status of `up` if a part was given up, and of `doctor` if something is wrong."""
 EXIT_INTERRUPTED = 130
 
-up_app = typer.Typer(rich_help_panel=START, rich_markup_mode=None)
-supervision_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
+up_app = CommandApp(START)
+supervision_app = CommandApp(OPERATE)
 
 TeamArgument = Annotated[
     str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a team .toml file.")

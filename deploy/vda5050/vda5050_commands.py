@@ -6,16 +6,14 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import CONNECT
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, point
 from robrain.deploy.errors import UsageError
 from robrain.deploy.vda5050.messages import Vehicle, Version
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.model.geometry import Pose2D
 
-vda5050_app = typer.Typer(
-    name="vda5050", rich_help_panel=CONNECT, no_args_is_help=True, help="VDA 5050, both ways.", rich_markup_mode=None
-)
+vda5050_app = CommandApp(CONNECT, "vda5050", "VDA 5050, both ways.")
 
 BrokerOption = Annotated[str, typer.Option(help="MQTT broker, HOST:PORT.")]
 LoginOption = Annotated[Path | None, typer.Option(help="File with USER:PASSWORD for the broker.")]

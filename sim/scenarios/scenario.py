@@ -25,6 +25,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
+from robrain.protocol.toml_text import toml_of
 from robrain.recording.errors import MapError, RecordingError
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
 from robrain.recording.reader.floor_file import read_floor
@@ -183,7 +184,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_toml(self) -> str:
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
-        return scenario_file.document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
+        return toml_of(self.document(Path(MAP_YAML_ATTACHMENT)))
 
     def document(self, map_file: Path | None = None) -> dict[str, Any]:
         """The tables of a scenario file with every key, as plain values; None stands for an absent key.
