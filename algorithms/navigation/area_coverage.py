@@ -41,8 +41,8 @@ def lanes_over(
 ) -> list[Strip]:
     """Lanes over the floor (H, W) of an area, at most `width_m` apart, by strips.
 
-    They run along its longest side or across it, whichever needs fewer lanes. Slots between these lanes and
-    obstacles get lanes of their own.
+    They run along its longest side or across it, whichever needs fewer lanes. Floor beside
+    obstacles that they do not cover gets more lanes.
     """
     ends = [*area[1:], area[0]]
     start, end = max(zip(area, ends, strict=True), key=lambda side: side[0].distance_m(side[1]))
@@ -50,11 +50,12 @@ def lanes_over(
     directions_rad = (yaw_rad, yaw_rad + math.pi / 2)
     found = [_cells(floor, geometry, direction_rad, width_m, width_m) for direction_rad in directions_rad]
     found = [[lanes for lanes in cells if _length_m(lanes[0]) >= width_m / 2] for cells in found]
-    strips = min((strips for strips in found if strips), key=lambda some: len(sum(some, [])), default=list[Strip]())
+    strips = min((strips for strips in found if strips), key=lambda strips: sum(map(len, strips)), default=[])
     slots, count = touching(floor & ~_covered(floor, geometry, strips, width_m), corners=True)
     for slot in range(1, count + 1):
         found = [_lanes_in_slot(slots == slot, geometry, direction_rad, width_m) for direction_rad in directions_rad]
-        strips += min((lanes for lanes in found if lanes), key=len, default=[])
+        added: list[Strip] = min((lanes for lanes in found if lanes), key=len, default=[])
+        strips += added
     return strips
 
 
