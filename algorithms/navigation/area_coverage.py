@@ -167,11 +167,12 @@ def _covered(
     near = np.zeros(len(places), np.bool_)
     for start, end in itertools.chain.from_iterable(strips):
         length_m = max(start.distance_m(end), 1e-9)
-        axis = np.array([end.x_m - start.x_m, end.y_m - start.y_m]) / length_m
-        offsets = places - (start.x_m, start.y_m)
-        beyond_m = offsets @ axis
+        along_x, along_y = (end.x_m - start.x_m) / length_m, (end.y_m - start.y_m) / length_m
+        x_m, y_m = (places - (start.x_m, start.y_m)).T
+        beyond_m = x_m * along_x + y_m * along_y
         beyond_m -= np.clip(beyond_m, 0.0, length_m)
-        near |= np.hypot(beyond_m, offsets @ (-axis[1], axis[0])) <= width_m / 2 + geometry.resolution_m / 2
+        aside_m = y_m * along_x - x_m * along_y
+        near |= np.hypot(beyond_m, aside_m) <= width_m / 2 + geometry.resolution_m / 2
     covered = np.zeros_like(floor)
     covered[tuple(cells[near].T)] = True
     return covered

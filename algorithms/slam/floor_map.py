@@ -53,10 +53,10 @@ def floor_of_atlas(atlas: SubmapAtlas) -> FloorMap:
             surfaces, place = submap.surfaces, submap.T_arena_local
             x = surfaces["column"] + 0.5 + surfaces["right"] / PARTS
             y = surfaces["row"] + 0.5 + surfaces["up"] / PARTS
-            local = _walls(geometry, x, y, VIEWS[surfaces["view"]])
+            x_m, y_m, right, up = _walls(geometry, x, y, VIEWS[surfaces["view"]]).T
             cos, sin = math.cos(place.yaw_rad), math.sin(place.yaw_rad)
-            turned = local.reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]])
-            walls.append(turned.reshape(-1, 4) + np.array([place.x_m, place.y_m, 0.0, 0.0]))
+            at = place.x_m + cos * x_m - sin * y_m, place.y_m + sin * x_m + cos * y_m
+            walls.append(np.column_stack([*at, cos * right - sin * up, sin * right + cos * up]))
     return FloorMap(geometry, atlas.grid.classes(), np.concatenate(walls))
 
 

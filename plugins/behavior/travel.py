@@ -437,16 +437,8 @@ class Travel:
         radius_m = self.driver.radius_m() if teammates else 0.0
         leg = self._leg if claim is None and teammates else None
         ahead = None if leg is None else leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
-        return Encounter(
-            self._env.robot,
-            claim or self._travel_claim.claim,
-            radius_m,
-            teammates,
-            self._parameters.speed_m_s,
-            ahead,
-            self._moved_ns,
-            now_ns,
-        )
+        own, speed_m_s = claim or self._travel_claim.claim, self._parameters.speed_m_s
+        return Encounter(self._env.robot, own, radius_m, teammates, speed_m_s, ahead, self._moved_ns, now_ns)
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
         """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""

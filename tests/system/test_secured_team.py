@@ -77,6 +77,7 @@ ALLOWED = {
     "robot release r1": (0, "r1: in service"),
     "robot pause r1": (0, "r1: "),
     "robot resume r1": (0, "r1: in service"),
+    "robot rename r1 Anna": (0, "r1: called Anna"),
     "robot retire r9": (2, "no such robot is known"),
     "zone list": (0, "the team has no zones"),
     "rule put rules.toml": (0, "night: FREQ=DAILY"),

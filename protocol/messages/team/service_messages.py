@@ -54,6 +54,7 @@ class RobotLabel(msgspec.Struct, frozen=True):
     """Label of a robot."""
 
     text: Label
+    """The label; empty if it was removed."""
     by: Text = ""
     """Name of the operator."""
 

@@ -82,6 +82,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("robot hold", ["r1"], WORKS),
     ("robot release", ["r1"], WORKS),
     ("robot pause", ["r1"], WORKS),
+    ("robot rename", ["r1", "Anna"], WORKS),
     ("robot resume", ["r1"], WORKS),
     ("mission list", [], WORKS),
     ("rule list", [], WORKS),
