@@ -12,7 +12,7 @@ import msgspec
 from robrain.agent.errors import ManifestError, PluginMissing
 from robrain.agent.transform import TransformTable
 from robrain.protocol.errors import BadName, BadToml
-from robrain.protocol.file_mistakes import unknown_name
+from robrain.protocol.file_mistakes import key_and_problem
 from robrain.protocol.keys import check_name
 from robrain.protocol.model.checked import Checked, convert
 from robrain.protocol.model.ranges import NotNegativeInt, Positive
@@ -103,8 +103,6 @@ def read_manifest(path: Path) -> Manifest:
         raise ManifestError(path, "file name", str(error)) from error
     try:
         text = read_toml_text(path)
-    except FileNotFoundError as error:
-        raise ManifestError(path, "file", "cannot be read: no such file") from error
     except BadToml as error:
         raise ManifestError(path, "file", str(error)) from error
     return _manifest(name, path, text)
@@ -151,8 +149,6 @@ def find_manifests(place: Path, *, most_files: int | None = None) -> list[Path]:
         try:
             if _has_plugin_table(read_toml_text(path)):
                 found.append(path)
-        except FileNotFoundError:
-            continue  # deleted meanwhile, or a dangling link
         except BadToml:
             if _resembles_manifest(path):
                 found.append(path)
@@ -163,7 +159,7 @@ def role_in(path: Path) -> str:
     """The role that a manifest names; empty if it names none, or cannot be read, which `read_manifest` reports."""
     try:
         return _role(read_toml_text(path))
-    except (FileNotFoundError, BadToml):
+    except BadToml:
         return ""
 
 
@@ -199,18 +195,3 @@ def _resembles_manifest(path: Path) -> bool:
     except OSError:
         return True  # possibly a manifest; `read_manifest` reports why it cannot be read
     return len(data) < _CHECKED_BYTES or _PLUGIN_TABLE.search(data) is not None
-
-
-def key_and_problem(
-    error: msgspec.ValidationError, document: dict[str, Any], struct: type[msgspec.Struct], path: str = ""
-) -> tuple[str, str]:
-    """A validation error as its key and the expected value; an unknown name with the nearest one.
-
-    >>> key_and_problem(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, ManifestTables)
-    ('tag.shared', 'Expected `int`, got `str`')
-    """
-    if mistake := unknown_name(document, struct, path):
-        where, _, what = mistake.rpartition(": unknown ")
-        return (where, f"unknown {what}") if where else ("file", mistake)
-    what, _, where = str(error).partition(" - at `$")
-    return where.rstrip("`").lstrip(".") or "file", what

@@ -10,7 +10,7 @@ charge) by `occupy`. It yields as soon as `occupies` returns False: to any task,
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import msgspec
@@ -26,12 +26,12 @@ from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
-    DoorShut,
     NoState,
     Occupied,
     OfferRefusal,
     OutOfService,
     PlainReason,
+    Shut,
     plain,
     sentence_of,
 )
@@ -75,7 +75,7 @@ def work_at_place(task: Task) -> Work:
 class _End(NamedTuple):
     task_id: str
     state: TaskState
-    reason: str | DoorShut
+    reason: str | Shut
     result: dict[str, Any]
 
 
@@ -104,9 +104,15 @@ class _Own(NamedTuple):
 
 
 class RobotTasks:
-    """The tasks of one robot: answers offers, and finds the behavior that does them."""
+    """The tasks of one robot: answers offers, and finds the behavior that does them.
 
-    def __init__(self) -> None:
+    Args:
+        names: of the robot and its plugins, which tasks may need.
+
+    """
+
+    def __init__(self, names: Callable[[], Iterable[str]] = tuple) -> None:
+        self._names = names
         self._status: TaskStatus | None = None
         self._before: TaskStatus | None = None
         self.held: _Held | None = None
@@ -290,9 +296,13 @@ class RobotTasks:
         self.coordinator_seen_ns = now_ns
         return TaskAnswer(accepted=True)
 
+    def has_behavior(self, kind: str) -> bool:
+        """Whether there is a behavior for a kind of task."""
+        return kind in self._executors
+
     def can(self, task: Task) -> bool:
-        """Whether there is a behavior for a task."""
-        return task.kind in self._executors
+        """Whether the robot has the behavior and all plugins that a task needs, and is the robot that it names."""
+        return self.has_behavior(task.kind) and set(task.needs) <= {*self._executors, *self._names()}
 
     def work_of(self, task: Task) -> Work:
         """Work of a task at its place, from its kind's behavior; if this fails, the work of a stay at the place."""
@@ -392,7 +402,7 @@ class RobotTasks:
         return TaskAnswer(accepted=True)
 
     def end(
-        self, task_id: str, state: TaskState, reason: str | DoorShut = "", result: dict[str, Any] | None = None
+        self, task_id: str, state: TaskState, reason: str | Shut = "", result: dict[str, Any] | None = None
     ) -> None:
         """The behavior reports, on any thread, how its task ended and its result.
 
@@ -420,15 +430,13 @@ class RobotTasks:
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
-    def _end(
-        self, task_id: str, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None
-    ) -> None:
+    def _end(self, task_id: str, state: TaskState, reason: str | Shut, result: dict[str, Any] | None = None) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
             ended = msgspec.structs.replace(status, state=state, why=cut(str(reason)), result=result or {})
-            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, DoorShut) else None)
+            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, Shut) else None)
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:

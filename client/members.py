@@ -47,7 +47,9 @@ def no_robot(wire: Endpoint, robot: str, what: str) -> NobodyThere:
     """The error for a robot that did not answer `what`; it lists the robots present, or else the teams."""
     found = team_found(wire)
     if robot in found.robots:
-        return NobodyThere(f"{robot} does not answer {what}: is its robrain older than this one?")
+        return NobodyThere(
+            f"{robot} does not answer {what}: it may still be starting, or its robrain is older than this one"
+        )
     text = f"no robot {robot} in team {wire.team}"
     if not found.robots and not found.coordinator:
         return wrong_team(text, wire)

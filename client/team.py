@@ -62,6 +62,8 @@ from robrain.protocol.messages.tasks.task_messages import (
 from robrain.protocol.messages.team.service_messages import (
     COORDINATOR_HOLD_ROBOT,
     COORDINATOR_RELEASE_ROBOT,
+    COORDINATOR_RENAME_ROBOT,
+    RobotRename,
     ServiceHold,
     ServiceRelease,
 )
@@ -419,7 +421,34 @@ class Team(RobotCalls):
             CallError: a name to remove is not known, or there are too many zones.
 
         """
-        change = ZoneChange(put=[*put], remove=[*remove], by=self.by)
+        return self._change_zones(ZoneChange(put=[*put], remove=[*remove], by=self.by))
+
+    def clear_zones(self, *names: str, for_s: float | None = None) -> ZoneList:
+        """Have all robots leave zones and wait outside; tasks there and behind them wait.
+
+        Args:
+            names: of the zones.
+            for_s: time after which they open; None until `open_zones`.
+
+        Returns:
+            All zones of the team, by name.
+
+        Raises:
+            CallError: a name is not known, or the zone is a point.
+
+        """
+        return self._change_zones(ZoneChange(clear=[*names], clear_s=for_s, by=self.by))
+
+    def open_zones(self, *names: str) -> ZoneList:
+        """Open zones that are cleared (CallError if a name is not known).
+
+        Returns:
+            All zones of the team, by name.
+
+        """
+        return self._change_zones(ZoneChange(open=[*names], by=self.by))
+
+    def _change_zones(self, change: ZoneChange) -> ZoneList:
         return self._requests.coordinator(COORDINATOR_ZONES_CHANGE, change).all
 
     def hold_robot(
@@ -459,6 +488,15 @@ class Team(RobotCalls):
     def release_robot(self, robot: str) -> None:
         """Put a robot back into service (CallError if it is in service)."""
         self._requests.coordinator(COORDINATOR_RELEASE_ROBOT, ServiceRelease(robot=robot, by=self.by))
+
+    def rename_robot(self, robot: str, label: str) -> None:
+        """Give a robot a label, by which pages and tables show it; an empty one removes it.
+
+        Raises:
+            CallError: no such robot is known, or the label is the name or label of another one.
+
+        """
+        self._requests.coordinator(COORDINATOR_RENAME_ROBOT, RobotRename(robot=robot, label=label, by=self.by))
 
     def lead(self, *, by: str | None = None) -> Names:
         """Have a coordinator lead, by your word that no other journal has more and that silent robots do no tasks.

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
+import msgspec
 from msgspec import UNSET
 
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.core.core import CoordinatorPart, Core, PartFactory
 from robrain.coordinator.core.robot_reports import RobotReports
 from robrain.coordinator.journal.journal import Journal
@@ -16,6 +18,7 @@ from robrain.coordinator.motes.mote_members import MoteMembers
 from robrain.coordinator.parts.backups import Backups
 from robrain.coordinator.parts.charging import Charging
 from robrain.coordinator.parts.exploration import Exploration
+from robrain.coordinator.parts.floor_publisher import FloorPublisher
 from robrain.coordinator.parts.missions import Missions
 from robrain.coordinator.parts.robot_service import RobotService
 from robrain.coordinator.parts.zone_keeper import ZoneKeeper
@@ -29,6 +32,9 @@ from robrain.protocol.model.tasks.task import FREE_AFTER_S
 from robrain.protocol.reasons import IdleReason, plain
 from robrain.protocol.refusals import most_refused
 from robrain.protocol.wire.endpoint import Endpoint
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.algorithms.slam.floor_map import FloorMap
 
 ASSIGN_PERIOD_NS = to_ns(0.5)
 SUMMARY_PERIOD_NS = to_ns(0.5)
@@ -53,6 +59,7 @@ class Coordinator:
         rules: by which it makes tasks from readings and events.
         elected: the election that it has won; None if it is alone.
         missions: those that can be started.
+        floor: known before the run; the team then explores only if a task requests it.
 
     """
 
@@ -64,8 +71,12 @@ class Coordinator:
         rules: Sequence[Rule] = (),
         elected: Elected | None = None,
         missions: Sequence[Mission] = (),
+        floor: "FloorMap | None" = None,
     ) -> None:
-        self.core = core = Core(wire, journal, policy or PlanningPolicy(), stock_parts(rules, elected, missions))
+        policy = policy or PlanningPolicy()
+        if floor is not None:
+            policy = msgspec.structs.replace(policy, exploration=NO_EXPLORATION)
+        self.core = core = Core(wire, journal, policy, stock_parts(rules, elected, missions, floor))
         self.tasks, self.roster, self.team_map = core.tasks, core.roster, core.team_map
         self.planning, self.lifecycle, self.halts = core.planning, core.lifecycle, core.halts
         self._wire, self._stage = wire, core.guard.stage
@@ -206,7 +217,10 @@ class Coordinator:
 
 
 def stock_parts(
-    rules: Sequence[Rule] = (), elected: Elected | None = None, missions: Sequence[Mission] = ()
+    rules: Sequence[Rule] = (),
+    elected: Elected | None = None,
+    missions: Sequence[Mission] = (),
+    floor: "FloorMap | None" = None,
 ) -> list[PartFactory]:
     """Robrain's parts, in the order in which they are called; entry points of other distributions add theirs."""
     return [
@@ -214,6 +228,7 @@ def stock_parts(
         partial(TaskRules, rules=rules),
         MoteMembers,
         FieldKeeper,
+        *(() if floor is None else (partial(FloorPublisher, floor=floor),)),
         ZoneKeeper,
         RobotService,
         Charging,

@@ -4,6 +4,7 @@ import gc
 import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.journal import Journal
@@ -14,6 +15,9 @@ from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.workers import OwnedThread
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.algorithms.slam.floor_map import FloorMap
 
 PERIOD_S = 0.02
 """Longest time between two steps; messages are handled sooner."""
@@ -33,6 +37,7 @@ def run_coordinator(
     rules: Sequence[Rule] = (),
     elected: Elected | None = None,
     missions: Sequence[Mission] = (),
+    floor: "FloorMap | None" = None,
 ) -> str:
     """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns the name of that one.
 
@@ -41,7 +46,7 @@ def run_coordinator(
     """
     arrived = threading.Event()
     wire.on_receive = wire.on_waiting = arrived.set
-    coordinator = Coordinator(wire, journal, policy, rules, elected, missions)
+    coordinator = Coordinator(wire, journal, policy, rules, elected, missions, floor)
     coordinator.team_map.hold()
     collector = None
     loading: OwnedThread | None = None

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import viser
 
+from robrain.client.asker import Asker
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.page import Inquiries, Page, PageContext, Panel, PanelContext, set_theme
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.server import close_server, open_server
 from robrain.dashboard.state.live_source import LiveSource
 from robrain.dashboard.state.parts import parts_of, topics_of_parts

@@ -5,16 +5,10 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SIMULATE
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import NearOption
 
-bench_app = typer.Typer(
-    rich_help_panel=SIMULATE,
-    name="bench",
-    help="Run benchmarks; each figure is shown beside its bound.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+bench_app = CommandApp(SIMULATE, "bench", "Run benchmarks; each figure is shown beside its bound.")
 
 MapsOption = Annotated[
     str | None, typer.Option(help="Names or paths of maps, or built-in scenarios, separated by commas; default: all.")

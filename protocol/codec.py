@@ -10,7 +10,6 @@ T = TypeVar("T")
 BAD_PAYLOAD = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Errors of msgspec for a payload that does not decode; RecursionError if it is nested too deep."""
 NONE = type(None)
-NULL = b"null"
 
 
 class BadPayload(Exception):

@@ -1,14 +1,56 @@
-"""Names in a file that its types do not have: unknown keys, and values that are none of an enumeration."""
+"""Mistakes in a file, each with its key and what is expected.
+
+Among them are names that its types do not have: unknown keys, and values that are none of an enumeration.
+"""
 
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
+from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from robrain.protocol.errors import BadToml
+from robrain.protocol.model.checked import convert
+from robrain.protocol.toml_text import SMALL, TomlLimits, read_toml
+
+TablesT = TypeVar("TablesT", bound=msgspec.Struct)
 Struct = type[msgspec.Struct]
+
+
+def read_tables(path: Path, kind: type[TablesT], limits: TomlLimits = SMALL) -> TablesT:
+    """Read a TOML file as a struct of its tables (BadToml: it cannot be read, or a key is wrong)."""
+    return tables_of(read_toml(path, limits), kind)
+
+
+def tables_of(document: dict[str, Any], kind: type[TablesT]) -> TablesT:
+    """A document as a struct of its tables (BadToml, which names the wrong key and the expected value)."""
+    try:
+        return convert(document, kind)
+    except msgspec.ValidationError as error:
+        where, what = key_and_problem(error, document, kind)
+        raise BadToml(what if where == FILE else f"{where}: {what}") from error
+
+
+FILE = "file"
+"""Key of a mistake that is none of a key."""
+
+
+def key_and_problem(
+    error: msgspec.ValidationError, document: dict[str, Any], struct: Struct, path: str = ""
+) -> tuple[str, str]:
+    """A validation error as its key and the expected value; an unknown name with the nearest one.
+
+    >>> key_and_problem(msgspec.ValidationError("Expected `int`, got `str` - at `$.tag.shared`"), {}, msgspec.Struct)
+    ('tag.shared', 'Expected `int`, got `str`')
+    """
+    if mistake := unknown_name(document, struct, path):
+        where, _, what = mistake.rpartition(": unknown ")
+        return (where, f"unknown {what}") if where else (FILE, mistake)
+    what, _, where = str(error).replace(" | null`", "`").partition(" - at `$")  # TOML has no null: it leaves keys out
+    return where.rstrip("`").lstrip(".") or FILE, what
 
 
 def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> str:
@@ -19,7 +61,7 @@ def unknown_name(document: dict[str, Any], struct: Struct, path: str = "") -> st
 
     >>> class Radio(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ...     range_m: float = 10.0
-    >>> class Tables(msgspec.Struct):
+    >>> class Tables(msgspec.Struct, forbid_unknown_fields=True):
     ...     radio: Radio = Radio()
     >>> unknown_name({"radoi": {}}, Tables)
     'unknown table `radoi` (did you mean `radio`?); there is radio'
@@ -53,7 +95,7 @@ def _unknown(value: Any, hint: Any, path: str, root: Struct) -> Iterator[str]:
 def _unknown_in_table(table: dict[str, Any], struct: Struct, path: str, root: Struct) -> Iterator[str]:
     hints = get_type_hints(struct)
     fields = {field.encode_name: hints[field.name] for field in msgspec.structs.fields(struct)}
-    is_strict = struct.__struct_config__.forbid_unknown_fields or not path
+    is_strict = struct.__struct_config__.forbid_unknown_fields
     for key, value in table.items():
         if key in fields:
             yield from _unknown(value, fields[key], f"{path}.{key}" if path else key, root)

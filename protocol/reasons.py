@@ -14,6 +14,7 @@ from msgspec import Meta
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NAME_MAX, TEXT_MAX, Charge, Count, Length, Name, Quantity, Stamp, Text, cut
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.zone import Zone, ZoneKind
 
 Value = Text | Stamp | Quantity | Annotated[tuple[Name, ...], Meta(max_length=1000)]
 """A value that a sentence names: a name, a number or several names."""
@@ -163,6 +164,24 @@ class DoorShut(Reason, frozen=True, tag="door_shut"):
     """The name of its zone."""
 
 
+class ZoneShut(Reason, frozen=True, tag="zone_shut"):
+    """Its place lies in a zone that is cleared, or behind it; the zone opens again."""
+
+    sentence = "the zone {zone} is closed for now"
+
+    zone: Name
+    """Its name."""
+
+
+Shut = DoorShut | ZoneShut
+"""Something on the only path is closed, and opens again."""
+
+
+def shut(zone: Zone) -> Shut:
+    """The zone is closed, and opens again."""
+    return DoorShut(zone.name) if zone.kind is ZoneKind.DOOR else ZoneShut(zone.name)
+
+
 class RobotHalted(Reason, frozen=True, tag="robot_halted"):
     """The robot is halted."""
 
@@ -176,8 +195,9 @@ class ProcessPaused(Reason, frozen=True, tag="process_paused"):
 
 
 OfferRefusal = (
-    DoneJustNow | DoorShut | NeedsEnergy | Occupied | PositionLost | RobotHalted | ProcessPaused | PlainReason
-)
+    DoneJustNow | DoorShut | NeedsEnergy | Occupied | PositionLost | RobotHalted | ProcessPaused | ZoneShut
+    | PlainReason
+)  # fmt: skip
 
 
 def no_path() -> PlainReason:
@@ -312,7 +332,7 @@ class NearestOut(Reason, frozen=True, tag="nearest_out"):
     because: RobotReason
 
 
-PlanReason = DoorShut | HolderLacksEnergy | NearestOut | PlainReason
+PlanReason = DoorShut | HolderLacksEnergy | NearestOut | ZoneShut | PlainReason
 
 
 NO_ROUND_TRIP = "no_way_and_back"
@@ -407,7 +427,7 @@ class RobotOut(Reason, frozen=True, tag="robot_out"):
 
 DirectReason = (
     DoorShut | Gone | HolderLacksEnergy | IsNext | LeaseRanOut | MinorityReached | NearestOut | NoState | PlanLeavesOut
-    | RobotOut | SameRobot | WaitsForCharge | PlainReason
+    | RobotOut | SameRobot | WaitsForCharge | ZoneShut | PlainReason
 )  # fmt: skip
 """A reason of a task that holds no other reason of a task."""
 

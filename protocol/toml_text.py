@@ -11,6 +11,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
 from robrain.protocol.errors import BadToml
 
 
@@ -60,8 +62,7 @@ def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
     """The text of a file, with at most one byte read beyond the limit.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        BadToml: the file cannot be read, is not a regular file, is too large or not UTF-8.
+        BadToml: there is no such file, it cannot be read, is not a regular file, is too large or not UTF-8.
 
     """
     most = limits.kilobytes * 1024
@@ -71,10 +72,9 @@ def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise BadToml("cannot be read: it is not a regular file")
             data = file.read(most + 1)
-    except FileNotFoundError:
-        raise
     except OSError as error:
-        raise BadToml(f"cannot be read: {error.strerror}") from error
+        is_missing = isinstance(error, FileNotFoundError)
+        raise BadToml("there is no such file" if is_missing else f"cannot be read: {error.strerror}") from error
     if len(data) > most:
         raise BadToml(f"expected at most {limits.kilobytes} kB")
     try:
@@ -85,8 +85,19 @@ def read_toml_text(path: Path, limits: TomlLimits = SMALL) -> str:
 
 
 def read_toml(path: Path, limits: TomlLimits = SMALL) -> dict[str, Any]:
-    """Read and parse a file (FileNotFoundError and BadToml as above)."""
+    """Read and parse a file (BadToml as above)."""
     return parse_toml(read_toml_text(path, limits), limits)
+
+
+def toml_of(document: dict[str, Any]) -> str:
+    """The text of a document, from which `parse_toml` makes it again; keys that are None are left out."""
+    return msgspec.toml.encode(_without_none(document)).decode()
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _check(text: str, limits: TomlLimits) -> None:

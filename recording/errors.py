@@ -2,6 +2,8 @@
 
 RobrainError
 └── RecordingError            a recording cannot be written, read or replayed; carries `.path`
+ValueError
+└── MapError                  a map cannot be used
 """
 
 from collections.abc import Iterator
@@ -17,6 +19,10 @@ class RecordingError(RobrainError):
     def __init__(self, path: Path, message: str) -> None:
         super().__init__(message)
         self.path = path
+
+
+class MapError(ValueError):
+    """A map, a drawing or a floor plan that cannot be used, reported in one sentence that names file and key."""
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from robrain.deploy.command_line.options import (
     IdleOption,
     JournalOption,
     JsonOption,
+    KnownOption,
     ListenOption,
     MapOption,
     MotesOption,
@@ -102,6 +103,7 @@ def options(
 def run(
     scenario: ScenarioArgument = None,
     map_file: MapOption = None,
+    known: KnownOption = False,
     robots: RobotsOption = None,
     motes: MotesOption = None,
     seed: SeedOption = None,
@@ -136,7 +138,7 @@ def run(
         from robrain.deploy.command_line.scenario_choice import choose_scenario
 
         chosen = choose_scenario(
-            scenario, map_file, robots, motes, seed, near, idle=idle, strategy=strategy, method=method
+            scenario, map_file, robots, motes, seed, near, known=known, idle=idle, strategy=strategy, method=method
         )
         return chosen if fidelity is None else chosen.replace(fidelity=fidelity)
 
@@ -231,6 +233,10 @@ def coordinator(
         Path | None, typer.Option(help="TOML file with a [planning] table, such as a scenario.")
     ] = None,
     rules: RulesOption = None,
+    floor: Annotated[
+        Path | None,
+        typer.Option(help="Known floor, which the team does not explore: a map.yaml, or the recording of a run."),
+    ] = None,
     witnesses: WitnessesOption = None,
     stand_by: Annotated[bool, typer.Option("--stand-by", hidden=True)] = False,
 ) -> None:
@@ -240,7 +246,7 @@ def coordinator(
 
     where, team = place_of(connect, listen), check_name("team", team)
     elect = read_witnesses(witnesses, is_candidate=stand_by)
-    coordinator_command(where, team, journal, objective, planning, rules, elect)
+    coordinator_command(where, team, journal, objective, planning, rules, elect, floor)
 
 
 @app.command(rich_help_panel=START)

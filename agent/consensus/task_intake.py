@@ -146,7 +146,7 @@ class TaskIntake:
             return f"only a coordinator makes tasks to {task.kind}"
         if task.robots > 1:
             return f"it takes {task.robots} robots at a time, which only a coordinator brings together"
-        if not self._desk.can(task):
+        if not self._desk.has_behavior(task.kind):
             return f"{self._robot} has no behavior for tasks to {task.kind}"
         if task.deadline_ns is not None and task.deadline_ns <= now_ns:
             return f"its deadline was {to_seconds(now_ns - task.deadline_ns):.1f} s ago"

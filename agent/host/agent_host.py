@@ -181,7 +181,7 @@ class AgentHost:
         self.drive = drive
         self.clock = clock
         self.board = Board()
-        self.desk = RobotTasks()
+        self.desk = RobotTasks(self._names)
         self._schedule = LockstepSchedule(has_one_thread=has_one_thread) if drive is Drive.LOCKSTEP else None
         self._seed = seed
         self._on_outside = on_outside
@@ -403,6 +403,9 @@ class AgentHost:
 
     def _reply_plugins(self, _request: Request[None]) -> list[PluginInfo]:
         return [*map(self.info, self._registry.plugins.values()), *self._registry.foreign_infos()]
+
+    def _names(self) -> set[str]:
+        return {self.name, *self._registry.plugins, *(info.name for info in self._registry.foreign_infos())}
 
     def info(self, plugin: ManagedPlugin) -> PluginInfo:
         """A plugin as the host reports it."""

@@ -6,10 +6,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from robrain.agent.errors import RobotFileError
-from robrain.agent.manifest import key_and_problem
 from robrain.protocol.errors import BadName, BadToml, WireError
+from robrain.protocol.file_mistakes import tables_of
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.model.checked import convert
 from robrain.protocol.toml_text import read_toml
 from robrain.protocol.wire.session import check_endpoint
 
@@ -102,18 +101,12 @@ def read_robot_file(path: Path) -> RobotFile:
     """
     try:
         raw = read_toml(path)
-    except FileNotFoundError as error:
-        raise RobotFileError(f"{path}: no such file; expected a ROBOT.toml with [robot] name") from error
+        zenoh = raw.get("zenoh")
+        if isinstance(zenoh, dict) and zenoh.get("listen"):
+            zenoh.setdefault("mode", "router")
+        robot_file = tables_of(raw, RobotFile)
     except BadToml as error:
         raise RobotFileError(f"{path}: {error}") from error
-    zenoh = raw.get("zenoh")
-    if isinstance(zenoh, dict) and zenoh.get("listen"):
-        zenoh.setdefault("mode", "router")
-    try:
-        robot_file = convert(raw, RobotFile)
-    except msgspec.ValidationError as error:
-        where, what = key_and_problem(error, raw, RobotFile)
-        raise RobotFileError(f"{path}: {where}: {what}") from error
     tls = robot_file.zenoh.tls
     for key, folders in (("places", robot_file.robot.places), ("loadable", robot_file.robot.loadable)):
         for folder in folders:

@@ -10,8 +10,9 @@ from robrain.agent.errors import ManifestError
 from robrain.agent.event import Event
 from robrain.agent.isolation.isolated_plugin import isolated_class, try_import
 from robrain.agent.lifecycle.external_function import ExternalFunction, external_functions
-from robrain.agent.manifest import Manifest, key_and_problem
+from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Behavior, Plugin
+from robrain.protocol.file_mistakes import key_and_problem
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.robots.plugin_messages import TaskKind
 from robrain.protocol.model.checked import convert

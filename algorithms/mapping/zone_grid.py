@@ -29,6 +29,7 @@ class ZoneGrid:
     """
 
     def __init__(self, zones: Sequence[Zone], geometry: GridGeometry) -> None:
+        self.zones = zones
         self._geometry = geometry
         self._is_door = np.zeros(geometry.shape, np.bool_)
         self._limits = [zone for zone in zones if zone.kind is ZoneKind.SPEED_LIMIT]
@@ -46,10 +47,10 @@ class ZoneGrid:
         """Speed limits; inf where there is none."""
         beside = max(1, round(BESIDE_M / geometry.resolution_m))
         for zone in zones:
-            if zone.kind is ZoneKind.PLACE:
+            if zone.kind is ZoneKind.PLACE and not zone.is_shut:
                 continue
             inside = cells_in(zone, geometry)
-            if zone.kind is ZoneKind.KEEP_OUT or zone.is_shut:
+            if zone.keeps_out:
                 self.is_shut |= inside
             elif zone.kind is ZoneKind.DOOR:
                 self._is_door |= inside

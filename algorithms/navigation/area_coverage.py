@@ -5,6 +5,7 @@ Decomposition, Autonomous Robots 9, 2000). Obstacles cut parallel lanes into run
 runs join, so a robot can drive each strip to and fro without a detour.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.zone_grid import cells_in
+from robrain.algorithms.navigation.frontier import touching
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
@@ -39,13 +41,22 @@ def lanes_over(
 ) -> list[Strip]:
     """Lanes over the floor (H, W) of an area, at most `width_m` apart, by strips.
 
-    They run along its longest side or across it, whichever needs fewer lanes.
+    They run along its longest side or across it, whichever needs fewer lanes. Floor beside
+    obstacles that they do not cover gets more lanes.
     """
     ends = [*area[1:], area[0]]
     start, end = max(zip(area, ends, strict=True), key=lambda side: side[0].distance_m(side[1]))
     yaw_rad = math.atan2(end.y_m - start.y_m, end.x_m - start.x_m)
-    found = [_strips(floor, geometry, yaw_rad + turn_rad, width_m) for turn_rad in (0.0, math.pi / 2)]
-    return min(found, key=lambda strips: sum(map(len, strips)))
+    directions_rad = (yaw_rad, yaw_rad + math.pi / 2)
+    found = [_cells(floor, geometry, direction_rad, width_m, width_m) for direction_rad in directions_rad]
+    found = [[lanes for lanes in cells if _length_m(lanes[0]) >= width_m / 2] for cells in found]
+    strips = min((strips for strips in found if strips), key=lambda strips: sum(map(len, strips)), default=[])
+    slots, count = touching(floor & ~_covered(floor, geometry, strips, width_m), corners=True)
+    for slot in range(1, count + 1):
+        found = [_lanes_in_slot(slots == slot, geometry, direction_rad, width_m) for direction_rad in directions_rad]
+        added: list[Strip] = min((lanes for lanes in found if lanes), key=len, default=[])
+        strips += added
+    return strips
 
 
 def ordered_lanes(strips: Sequence[Strip], start: Point2D, path_lengths: PathLengths) -> list[Lane]:
@@ -132,39 +143,93 @@ def _some(cells: NDArray[np.int64], at_most: int) -> NDArray[np.int64]:
     return cells[:: max(1, math.ceil(len(cells) / at_most))]
 
 
-def _strips(floor: NDArray[np.bool_], geometry: GridGeometry, yaw_rad: float, width_m: float) -> list[Strip]:
-    """The strips of lanes in a direction."""
+def _lanes_in_slot(
+    slot: NDArray[np.bool_], geometry: GridGeometry, direction_rad: float, width_m: float
+) -> list[Strip]:
+    """Strips of a slot: lanes in a direction, or one along the middle of a part that is narrower."""
+    strips: list[Strip] = []
+    for lines in _cells(slot, geometry, direction_rad, width_m, geometry.resolution_m):
+        extent_m = len(lines) * geometry.resolution_m
+        if _length_m(lines[0]) >= width_m / 2:
+            count = math.ceil(extent_m / width_m)
+            strips.append([lines[int((lane + 0.5) / count * len(lines))] for lane in range(count)])
+        elif extent_m >= width_m / 2:
+            strips.append([(_middle(lines[0]), _middle(lines[-1]))])
+    return strips
+
+
+def _covered(
+    floor: NDArray[np.bool_], geometry: GridGeometry, strips: Sequence[Strip], width_m: float
+) -> NDArray[np.bool_]:
+    """Mask (H, W) of the floor within half a working width of a lane."""
+    cells = np.argwhere(floor)
+    places = centres_of(floor, geometry)
+    near = np.zeros(len(places), np.bool_)
+    for start, end in itertools.chain.from_iterable(strips):
+        length_m = max(start.distance_m(end), 1e-9)
+        along_x, along_y = (end.x_m - start.x_m) / length_m, (end.y_m - start.y_m) / length_m
+        x_m, y_m = (places - (start.x_m, start.y_m)).T
+        beyond_m = x_m * along_x + y_m * along_y
+        beyond_m -= np.clip(beyond_m, 0.0, length_m)
+        aside_m = y_m * along_x - x_m * along_y
+        near |= np.hypot(beyond_m, aside_m) <= width_m / 2 + geometry.resolution_m / 2
+    covered = np.zeros_like(floor)
+    covered[tuple(cells[near].T)] = True
+    return covered
+
+
+def _cells(
+    floor: NDArray[np.bool_], geometry: GridGeometry, direction_rad: float, width_m: float, spacing_m: float
+) -> list[Strip]:
+    """Cells of the decomposition, by their lines in a direction, evenly and at most `spacing_m` apart.
+
+    The lines of a cell are either all shorter than half a working width, or none is.
+    """
     centres = centres_of(floor, geometry)
     if not len(centres):
         return []
-    along, across = (math.cos(yaw_rad), math.sin(yaw_rad)), (-math.sin(yaw_rad), math.cos(yaw_rad))
+    along = (math.cos(direction_rad), math.sin(direction_rad))
+    across = (-along[1], along[0])
     us_m, vs_m = (centres[:, 0] * axis[0] + centres[:, 1] * axis[1] for axis in (along, across))
     half_m = geometry.resolution_m / 2
     low_m, extent_m = vs_m.min() - half_m, np.ptp(vs_m) + 2 * half_m
-    count = max(1, math.ceil(extent_m / width_m))
+    count = max(1, math.ceil(extent_m / spacing_m))
     samples_m = np.arange(us_m.min(), us_m.max() + half_m, half_m)
-    strips: list[Strip] = []
-    before: list[tuple[float, float, int]] = []
-    """Runs of the lane before: start, end, and the number of the strip."""
-    for lane in range(count):
-        v_m = low_m + (lane + 0.5) * extent_m / count
+    cells: list[Strip] = []
+    before: list[tuple[float, float, Strip]] = []
+    """Runs of the line before: start, end, and the cell."""
+
+    def near(run: tuple[float, float], other: tuple[float, float]) -> bool:
+        is_short = [end - start < width_m / 2 for start, end in (run, other)]
+        return run[0] < other[1] and other[0] < run[1] and is_short[0] == is_short[1]
+
+    for line in range(count):
+        v_m = low_m + (line + 0.5) * extent_m / count
         runs = _runs(floor, geometry, samples_m, v_m, along, across)
-        kept = [run for run in runs if run[1] - run[0] >= width_m / 2] or runs
-        now: list[tuple[float, float, int]] = []
-        for low, high in kept:
-            parents = [run for run in before if run[0] < high and low < run[1]]
-            children = [run for run in kept if parents and run[0] < parents[0][1] and parents[0][0] < run[1]]
-            if len(parents) != 1 or len(children) != 1:
-                strips.append([])
-            strip = parents[0][2] if len(parents) == 1 == len(children) else len(strips) - 1
+        now: list[tuple[float, float, Strip]] = []
+        for low, high in runs:
+            parents = [parent for parent in before if near(parent[:2], (low, high))]
+            children = [run for run in runs if parents and near(parents[0][:2], run)]
+            if len(parents) == 1 == len(children):
+                cell = parents[0][2]
+            else:
+                cells.append(cell := [])
             start, end = (
                 Point2D(float(u_m * along[0] + v_m * across[0]), float(u_m * along[1] + v_m * across[1]))
                 for u_m in (low, high)
             )
-            strips[strip].append((start, end))
-            now.append((low, high, strip))
+            cell.append((start, end))
+            now.append((low, high, cell))
         before = now
-    return strips
+    return cells
+
+
+def _middle(lane: Lane) -> Point2D:
+    return Point2D((lane[0].x_m + lane[1].x_m) / 2, (lane[0].y_m + lane[1].y_m) / 2)
+
+
+def _length_m(lane: Lane) -> float:
+    return lane[0].distance_m(lane[1])
 
 
 def _runs(

@@ -56,8 +56,6 @@ class Solution(NamedTuple):
     """T_arena_node of each free node."""
     covariances: Floats
     """(n, 3, 3) marginal covariance of x, y, yaw of each free node, m², m·rad and rad², arena frame."""
-    squared_residuals: list[float]
-    """Squared Mahalanobis norm of each edge's residual; about 3 for a true edge."""
 
 
 def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution | None:
@@ -89,12 +87,10 @@ def solve(free: list[Pose2D], held: list[Pose2D], edges: list[Edge]) -> Solution
     gate = np.array(judged, np.float64).reshape(-1, 3, 3)
     doubtful = np.array([edge.may_be_false for edge in edges], np.bool_)
     covariances = np.zeros((len(free), 3, 3))
-    squares = np.zeros(len(edges))
-    is_determined = _solve(nodes, len(free), ends, places, information, sure, gate, doubtful, covariances, squares)
-    if not is_determined:
+    if not _solve(nodes, len(free), ends, places, information, sure, gate, doubtful, covariances):
         return None
     poses = [Pose2D(x_m, y_m, wrap_angle_rad(yaw_rad)) for x_m, y_m, yaw_rad in nodes[: len(free)].tolist()]
-    return Solution(poses, covariances, squares.tolist())
+    return Solution(poses, covariances)
 
 
 @njit(cache=True, nogil=True)
@@ -175,7 +171,6 @@ def _solve(
     gate: Floats,
     doubtful: NDArray[np.bool_],
     covariances: Floats,
-    squares: Floats,
 ) -> bool:
     size = 3 * free
     hessian = np.zeros((size, size))
@@ -190,12 +185,10 @@ def _solve(
         step[:] = 0.0
         for e in range(ends.shape[0]):
             _residual(nodes, ends[e, 0], ends[e, 1], places[e], residual, jacobian)
-            square = expected = 0.0
+            expected = 0.0
             for i in range(3):
                 for j in range(3):
-                    square += residual[i] * information[e, i, j] * residual[j]
                     expected += residual[i] * gate[e, i, j] * residual[j]
-            squares[e] = square
             weight = 1.0
             if doubtful[e] and expected > SCALING:
                 weight = (2.0 * SCALING / (SCALING + expected)) ** 2

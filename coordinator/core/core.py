@@ -283,7 +283,7 @@ class Core:
         self.halts = TeamHalts(wire, self.roster)
         self.team_map = TeamMap()
         self.capabilities = Capabilities(wire)
-        self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts)
+        self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts, self.team_map)
         self.planning = Planning(self.lifecycle, self.team_map, policy)
         self.explanation = TaskExplainer(self.lifecycle, self.planning, self.parts.verdicts)
         coalitions = Coalitions(self.planning, self.lifecycle, self.team_map, self.new_id)

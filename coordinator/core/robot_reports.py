@@ -9,7 +9,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import clock_difference_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
+from robrain.protocol.messages.maps.map_messages import FLOOR, ROBOT_MAP, ROBOT_MAP_WHOLE, MapPatch
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_STATE, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.consensus_messages import ROBOT_BALLOT, TaskAsked, TeamBallot
 from robrain.protocol.model.ranges import cut
@@ -83,7 +83,8 @@ class RobotReports:
 
     def _handle_patch(self, patch: MapPatch, key: str) -> None:
         known = self._core.roster.robots.get(patch.robot)
-        if known is None or not known.was_there:  # once its token appears, its whole map is queried
+        was_there = patch.robot == FLOOR or (known is not None and known.was_there)
+        if not was_there:  # once its token appears, its whole map is queried
             self._refusals.record(ROBOT_MAP.name, key, RefusalCode.UNKNOWN_SENDER, f"{patch.robot} is not there")
         elif rejection := self._core.team_map.merge(patch, self._now_ns):
             self._refusals.record(ROBOT_MAP.name, key, RefusalCode.NOT_PLAUSIBLE, rejection)

@@ -36,6 +36,13 @@ class ChangedTable(Generic[RowT]):
         """All rows by name: those of the file in its order, then new ones."""
         return _without_removed({**self._of_file, **self._changes})
 
+    def find(self, name: str) -> RowT:
+        """The row of a name (CallError if there is none)."""
+        if (row := self.rows.get(name)) is None:
+            listed = ", ".join(self.rows) or "none"
+            raise CallError(ErrorCode.REFUSED, f"there is no {self._what} {name}; known are {listed}")
+        return row
+
     def load(self, rows: Iterable[RowT]) -> None:
         """Take the rows of another file; the changes stay."""
         self._of_file = {row.name: row for row in rows}
@@ -50,10 +57,8 @@ class ChangedTable(Generic[RowT]):
             CallError: a name to remove is not known, a check fails, or the journal cannot be written.
 
         """
-        known = self.rows
-        if unknown := [name for name in remove if name not in known]:
-            listed = ", ".join(known) or "none"
-            raise CallError(ErrorCode.REFUSED, f"there is no {self._what} {unknown[0]}; known are {listed}")
+        for name in remove:
+            self.find(name)
         changes = self._changes | dict.fromkeys(remove) | {row.name: row for row in put}
         changes = {name: row for name, row in changes.items() if row is not None or name in self._of_file}
         try:

@@ -7,6 +7,7 @@ from robrain.coordinator.parts.changed_table import ChangedTable
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.border.border import Received
 from robrain.protocol.clock import to_ns
+from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.team.door_messages import DOOR_STATE, DoorPosition
 from robrain.protocol.messages.team.zone_messages import (
     COORDINATOR_ZONES,
@@ -72,7 +73,9 @@ class ZoneKeeper(CoordinatorPart):
         self._zones: dict[str, Zone] = {}
         self._timers: dict[str, ZoneTimer] = {}
         self._turns: list[ZoneTurn] = []
-        """When zones with times begin or end next."""
+        """When zones with times begin or end next, and cleared ones open."""
+        self._cleared: set[str] = set()
+        """Zones that all robots leave, and none enters."""
         self._off: set[str] = set()
         """Zones that do not hold now."""
         self._holding: list[Zone] = []
@@ -128,16 +131,24 @@ class ZoneKeeper(CoordinatorPart):
             self._publisher.put(Zones(zones=self._holding, off=off, turns=self._turns))
 
     def _change(self, request: Request[ZoneChange]) -> Zones:
-        if self._table.change(request.asked.put, request.asked.remove):
+        asked, now_ns = request.asked, self.core.wire.clock.now_ns()
+        until_ns = None if asked.clear_s is None else now_ns + to_ns(asked.clear_s)
+        turned = [(name, True, until_ns) for name in asked.clear] + [(name, False, None) for name in asked.open]
+        try:
+            put = [
+                msgspec.structs.replace(self._table.find(name), is_shut=is_shut, shut_until_ns=until_ns)
+                for name, is_shut, until_ns in turned
+            ]
+        except ValueError as error:
+            raise CallError(ErrorCode.REFUSED, str(error)) from error
+        if self._table.change([*asked.put, *put], asked.remove):
             self._apply()
         return self._all()
 
     def _all(self) -> Zones:
         zones = sorted(self._zones.values(), key=lambda zone: zone.name)
-        holding, off = (
-            [self._with_door(zone) for zone in zones if (zone.name in self._off) is is_off] for is_off in (False, True)
-        )
-        return Zones(zones=holding, off=off, turns=self._turns)
+        holding = [self._as_now(zone) for zone in zones if zone.name not in self._off]
+        return Zones(zones=holding, off=[zone for zone in zones if zone.name in self._off], turns=self._turns)
 
     def _apply(self) -> None:
         now_ns = self.core.wire.clock.now_ns()
@@ -148,8 +159,11 @@ class ZoneKeeper(CoordinatorPart):
         self._update(now_ns)
 
     def _update(self, now_ns: int) -> None:
-        self._off = {name for name, timer in self._timers.items() if not timer.holds(now_ns)}
+        ends_ns = {name: zone.shut_until_ns for name, zone in self._zones.items() if zone.is_shut}
+        self._cleared = {name for name, end_ns in ends_ns.items() if end_ns is None or now_ns < end_ns}
+        self._off = {name for name, timer in self._timers.items() if not timer.holds(now_ns)} - self._cleared
         turns = {name: timer.turn_ns(now_ns) for name, timer in self._timers.items()}
+        turns |= {name: ends_ns[name] for name in self._cleared}
         self._turns = [ZoneTurn(name, turn_ns) for name, turn_ns in sorted(turns.items()) if turn_ns is not None]
         holding = [self._for_robots(self._zones[name]) for name in sorted(self._zones) if name not in self._off]
         if holding != self._holding:
@@ -163,11 +177,15 @@ class ZoneKeeper(CoordinatorPart):
         names = [
             name for name in sorted(offers) if name not in zone.robots and set(zone.robots) & (offers[name] or set())
         ]
-        return msgspec.structs.replace(self._with_door(zone), times=None, robots=(*zone.robots, *names))
+        robots = () if zone.name in self._cleared else (*zone.robots, *names)
+        is_passing = zone.kind is ZoneKind.KEEP_OUT and zone.times is not None
+        found = self._as_now(zone)
+        return msgspec.structs.replace(found, times=None, robots=robots, is_shut=found.is_shut or is_passing)
 
-    def _with_door(self, zone: Zone) -> Zone:
-        """The zone, shut if it is a door that cannot be used now."""
-        return msgspec.structs.replace(zone, is_shut=True) if zone.name in self._shut else zone
+    def _as_now(self, zone: Zone) -> Zone:
+        """The zone, shut if it is cleared, or a door that cannot be used now."""
+        is_shut = zone.name in self._cleared or zone.name in self._shut
+        return zone if zone.is_shut == is_shut else msgspec.structs.replace(zone, is_shut=is_shut)
 
 
 def _plain(zone: Zone) -> Zone:

@@ -79,7 +79,8 @@ class PathLengths:
 
         """
         floor = self._floor
-        zones = [] if floor is None else [zone for zone in floor.zones if zone.kind in MEASURED and zone.binds(robot)]
+        all_zones = () if floor is None else floor.zones
+        zones = [zone for zone in all_zones if zone.binds(robot) and (zone.kind in MEASURED or zone.is_shut)]
         if not zones:
             return self
         # Paces of one step share their paths, and those that robots learn later often do.

@@ -1,17 +1,17 @@
 """Executes the plan: offers due tasks, publishes why tasks are unplanned, and fails those unplanned for too long."""
 
-import math
 from collections.abc import Callable, Sequence
 
 from robrain.coordinator.planning.coalition import Coalitions
 from robrain.coordinator.planning.planning import Planning
+from robrain.coordinator.planning.snapshot import urgency
 from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import DoorShut, NearestOut, PlanReason, RobotReason, TaskReason, needed_for, plain
+from robrain.protocol.reasons import NearestOut, PlanReason, RobotReason, Shut, TaskReason, needed_for, plain
 
 OFFERS_MAX = 16
 """Offers per step: each is journalled first, and the team must not wait for that."""
@@ -106,7 +106,7 @@ class PlanExecutor:
                 continue  # the published reason has more details
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
-            may_wait = record.task.deadline_ns is not None or isinstance(left.reason, DoorShut)
+            may_wait = record.task.deadline_ns is not None or isinstance(left.reason, Shut)
             if not may_wait and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
                 gave_up = plain(
                     "gave_up",
@@ -143,7 +143,7 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusa
     """
     free = {robot.name: robot for robot in idle}
     offers = []
-    for record in sorted(ready, key=_urgency):
+    for record in sorted(ready, key=urgency):
         if not free:
             break
         able = [
@@ -156,8 +156,3 @@ def dispatch(ready: Sequence[TaskRecord], idle: Sequence[Robot], refusal: Refusa
             del free[chosen]
             offers.append((record.task.id, chosen))
     return offers
-
-
-def _urgency(record: TaskRecord) -> tuple[float, float, int]:
-    deadline_ns = record.task.deadline_ns
-    return (-record.task.priority, math.inf if deadline_ns is None else deadline_ns, record.submitted_ns)

@@ -17,7 +17,7 @@ from robrain.coordinator.planning.forecast import Forecast
 from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
 from robrain.coordinator.planning.policy import NEAREST, PlanningPolicy
-from robrain.coordinator.planning.snapshot import AfterCharge, ChargerDistances, PlanningRobot, Snapshot
+from robrain.coordinator.planning.snapshot import AfterCharge, ChargerDistances, PlanningRobot, Snapshot, end_of
 from robrain.coordinator.planning.snapshot_builder import (
     HOMEWARD,
     LATEST_S,
@@ -47,16 +47,18 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.zone import Zone
 from robrain.protocol.reasons import (
     NO_ROUND_TRIP,
-    DoorShut,
     NearestOut,
     PlainReason,
     PlanLeavesOut,
     PlanReason,
     RobotReason,
+    Shut,
     TaskReason,
     plain,
+    shut,
 )
 from robrain.protocol.wire.endpoint import Drive, Endpoint, Request, Serve
 
@@ -79,6 +81,7 @@ class PlanInputs:
         members: the robots.
         pauses: tasks and robots that must not be offered them now.
         area_m2: area of the known floor.
+        zones: those that hold.
 
     """
 
@@ -88,6 +91,7 @@ class PlanInputs:
         members: Mapping[str, PlanningRobot] = MappingProxyType({}),
         pauses: Iterable[tuple[str, str]] = (),
         area_m2: float = 0.0,
+        zones: tuple[Zone, ...] = (),
     ) -> None:
         records = list(records)
         self.tasks = _tasks(records)
@@ -98,7 +102,7 @@ class PlanInputs:
         self._members = members
         self._figures = {name: _figures(member) for name, member in members.items()}
         self._pauses = frozenset(pauses)
-        self._area_m2 = area_m2
+        self._area_m2, self._zones = area_m2, zones
 
     def cause(self, now: "PlanInputs", *, left_out: int) -> str:
         """Why a new plan is needed, given the inputs of now; empty if it is not."""
@@ -110,6 +114,8 @@ class PlanInputs:
             return "; ".join([*(f"{name} is there" for name in came), *(f"{name} is out" for name in gone)])
         if not now.tasks:
             return ""
+        if now._zones != self._zones:
+            return "zones have changed"
         for name, terms in now._terms.items():
             if terms != self._terms.get(name, terms):
                 return f"{name} has changed"
@@ -298,7 +304,7 @@ class Planning:
             return
         members = self._builder.members(now_ns)
         pauses = self._eligibility.pauses(records, members, now_ns)
-        inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2)
+        inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2, self._team_map.zones)
         cause = self._inputs.cause(inputs, left_out=len(self.left_out))
         if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
             cause = "a while has passed"
@@ -316,7 +322,7 @@ class Planning:
         self._asked_ns = now_ns
         records, members = self._plannable(now_ns), self._builder.members(now_ns)
         pauses = self._eligibility.pauses(records, members, now_ns)
-        self._inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2)
+        self._inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2, self._team_map.zones)
         if not members or not records:
             self._plan = None
             self.left_out, self.waiting = {}, {}
@@ -400,22 +406,29 @@ class Planning:
             for failure in plan.failures:
                 self._wire.refusals.record_failure(failure.what, failure.name, failure.reason)
             self.waiting = plan.waiting
-            self.left_out = {
-                task: Unplanned(
-                    self._door_shut(task, reason) or reason,
-                    self.left_out[task].since_ns if task in self.left_out else now_ns,
-                )
-                for task, reason in plan.left_out.items()
-            }
+            since_ns = {task: one.since_ns for task, one in self.left_out.items() if not isinstance(one.reason, Shut)}
+            reasons = {**plan.left_out, **self._behind_shut(plan.left_out)}
+            self.left_out = {task: Unplanned(reason, since_ns.get(task, now_ns)) for task, reason in reasons.items()}
         return bool(made)
 
-    def _door_shut(self, task: str, reason: PlanReason) -> DoorShut | None:
-        """The door that does not open and keeps all robots from a task; None for another reason."""
-        record = self._book.find(task)
-        if record is None or not isinstance(reason, NearestOut) or reason.because.code != NO_ROUND_TRIP:
-            return None
-        states = [robot.state for robot in self._roster.robots.values() if robot.state is not None]
-        return self._team_map.shut_door_before(record.task.place, states, NEAR_M)
+    def _behind_shut(self, left_out: Mapping[str, PlanReason]) -> dict[str, Shut]:
+        """Tasks that shut zones keep all robots from, or the nearest robot from chargers, with these zones."""
+        states = {name: robot.state for name, robot in self._roster.robots.items() if robot.state is not None}
+        separation, found = self._team_map.separation([*states.values()]), dict[str, Shut]()
+        if separation is None:
+            return found
+        for task_id, reason in left_out.items():
+            record = self._book.find(task_id)
+            if record is None or not isinstance(reason, NearestOut) or reason.because.code != NO_ROUND_TRIP:
+                continue
+            ends_at = end_of(record.task, {task_id: self._costs.of(record.task) or ()})
+            zone = separation.shut_before(record.task.place, NEAR_M) or separation.shut_before(ends_at, NEAR_M)
+            chargers = self.chargers.of.get(reason.robot, ())
+            if zone is None and chargers and (alone := self._team_map.separation([states[reason.robot]])) is not None:
+                zone = alone.shut_before(chargers[0].place, NEAR_M)
+            if zone is not None:
+                found[task_id] = shut(zone)
+        return found
 
     # -- following them -------------------------------------------------------------------------------------
 

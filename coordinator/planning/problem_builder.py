@@ -19,7 +19,7 @@ from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import PlainReason, TaskReason, holder_out, plain
+from robrain.protocol.reasons import PlainReason, SameRobot, TaskReason, holder_out, plain
 
 
 class BuiltProblem(NamedTuple):
@@ -70,6 +70,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     paused: dict[str, set[str]] = {}
     for task, robot in snapshot.pauses:
         paused.setdefault(task, set()).add(robot)
+    free = {record.task.id for record in chosen if not record.robot}
     jobs = [
         _job(
             record,
@@ -78,6 +79,7 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
             prize_j,
             (*at_place[record.task.id], idle_w),
             paused.get(record.task.id, ()),
+            record.task.same_robot_as if record.task.same_robot_as in free else "",
         )
         for record in chosen
     ]
@@ -150,12 +152,21 @@ def _chosen(snapshot: Snapshot, policy: PlanningPolicy) -> tuple[list[TaskRecord
         waiting[record.task.id] = plain("outranked", text, count=policy.tasks_max)
     queued = queued[: policy.tasks_max]
     known = {record.task.id for record in [*running, *queued]}
+    unbegun = {record.task.id for record in queued}
+    unpaired = set(unbegun)
+    for record in queued:  # allocators know pairs; a task whose other one is in a pair already waits for its robot
+        task_id, other = record.task.id, record.task.same_robot_as
+        if unpaired >= {task_id, other}:
+            unpaired -= {task_id, other}
+        elif other in unbegun:
+            known.discard(task_id)
+            waiting[task_id] = SameRobot(other)
     while True:
         late = {
             record.task.id: other
             for record in queued
             if record.task.id in known
-            for other in record.task.after
+            for other in record.task.others
             if other not in known and other not in snapshot.ended and other not in ended
         }
         if not late:
@@ -190,6 +201,7 @@ def _job(
     prize_j: float,
     at_place: tuple[float, float, float],
     paused: Iterable[str],
+    same_worker_as: str,
 ) -> Job:
     task = record.task
     service_s, moving_j, idle_w = at_place
@@ -203,7 +215,7 @@ def _job(
         needs.add(GATHERING)
     ending_s = {one.task: one.in_s for one in snapshot.ending.values()}
     earliest_s = max(
-        0.0, to_seconds(task.earliest_ns - snapshot.now_ns), *(ending_s.get(name, 0.0) for name in task.after)
+        0.0, to_seconds(task.earliest_ns - snapshot.now_ns), *(ending_s.get(name, 0.0) for name in task.others)
     )
     latest_s = to_seconds(task.deadline_ns - snapshot.now_ns) if task.deadline_ns is not None else float("inf")
     return Job(
@@ -218,10 +230,11 @@ def _job(
         needs=frozenset(needs),
         after=()
         if pinned
-        else tuple(name for name in task.after if name not in snapshot.ended and name not in ending_s),
+        else tuple(name for name in dict.fromkeys(task.others) if name not in snapshot.ended | ending_s.keys()),
         robots=1 if pinned else task.robots,
         pinned_to=pinned,
         forbidden_workers=frozenset() if pinned else frozenset(paused),
+        same_worker_as="" if pinned else same_worker_as,
     )
 
 

@@ -81,7 +81,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     records: tuple[TaskRecord, ...]
     """Open tasks that were submitted."""
     ended: frozenset[str]
-    """Tasks that open tasks wait for and that are done."""
+    """Tasks that open tasks depend on and that are done."""
     held: frozenset[str] = frozenset()
     """Tasks that a robot will begin after its running one."""
     ending: dict[str, PredictedEnd] = {}

@@ -104,8 +104,8 @@ class SnapshotBuilder:
         )
 
     def done_before(self, records: Iterable[TaskRecord], open_ids: set[str]) -> frozenset[str]:
-        """Tasks that these wait for and that are done."""
-        names = {name for record in records for name in record.task.after} - open_ids
+        """Tasks that these depend on and that are done."""
+        names = {name for record in records for name in record.task.others} - open_ids
         found = (self._book.find(name) for name in names)
         return frozenset(one.task.id for one in found if one is not None and one.state is TaskState.DONE)
 

@@ -35,6 +35,7 @@ from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.model.zone import opened
 from robrain.protocol.reasons import TaskReason, cancelled, operated
 from robrain.protocol.wire.endpoint import Deferred, Request, Serve
 
@@ -204,8 +205,8 @@ class TaskRequests:
         return impossibility(
             task,
             self._clock.now_ns(),
-            grid=self._map.grid,
-            zones=self._map.zones,
+            grid=self._map.opened,
+            zones=opened(self._map.zones),
             seen=self._map.seen,
             robots=[Point2D(pose.x_m, pose.y_m) for pose in self._poses()],
             plugins=self._capabilities.plugins,

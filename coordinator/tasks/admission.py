@@ -75,12 +75,12 @@ def impossibility(
     Args:
         task: a new one.
         now_ns: the time.
-        grid: the known map, keep-out zones included; None if nothing is known.
+        grid: the known map, with keep-out zones that do not open again; None if nothing is known.
         plugins: offer of each robot of the team; None for a robot that has not announced it.
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
         radius_m: of the smallest robot; 0 if it is unknown.
-        zones: zones that hold now.
+        zones: zones that hold now, once those have opened that open again.
         seen: the known map without zones.
         robots: places of the robots, if known.
 
@@ -223,12 +223,11 @@ def _zone_refusal(
     for zone in zones:
         if zone.kind in NO_ENDING and zone.holds(place):
             return f"({place.x_m:g}, {place.y_m:g}) is in the {NO_ENDING[zone.kind]} zone {zone.name}"
-    zones = [zone for zone in zones if not zone.is_shut]  # such a door may open again
     if not zones or seen is None:
         return ""
-    from robrain.algorithms.navigation.separation import separating_zones
+    from robrain.algorithms.navigation.separation import Separation
 
-    if names := separating_zones(seen.classes(), seen.geometry, zones, place, robots, radius_m, NEAR_M):
+    if names := Separation(seen.classes(), seen.geometry, zones, robots, radius_m).zones_before(place, NEAR_M):
         return f"the keep-out zone {' or '.join(names)} separates ({place.x_m:g}, {place.y_m:g}) from all robots"
     return ""
 

@@ -12,6 +12,7 @@ from robrain.coordinator.tasks.admission import capability_refusal, needed_plugi
 from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.backoff import backoff_s
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState
@@ -20,6 +21,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
+    DoorShut,
     Gone,
     NeedsEnergy,
     Occupied,
@@ -34,10 +36,12 @@ from robrain.protocol.reasons import (
     RobotReason,
     SameRobot,
     TaskReason,
+    ZoneShut,
     halted,
     holder_out,
     lacks_plugins,
     plain,
+    shut,
 )
 
 FIRST_PAUSE_S = 2.0
@@ -47,9 +51,8 @@ LONGEST_AFTER = 6
 impossible must not be offered all the time. Six refusals lead to it."""
 REFUSALS_MAX = 6
 """Refusals after which a robot's answer to a task is final (chosen); with these pauses, after a minute."""
-PASSING = (DoneJustNow, Occupied, PositionLost, RobotHalted, ProcessPaused)
-"""Refusals for a robot's present state, which do not concern the task. The robot charges, is lost or halted, or its
-process was paused."""
+PASSING = (DoneJustNow, DoorShut, Occupied, PositionLost, RobotHalted, ProcessPaused, ZoneShut)
+"""Refusals for the present. The robot charges, is lost or halted, its process was paused, or a zone is shut."""
 CHARGED_SOC = 0.9
 """State of charge from which a robot's want of energy is no passing one (chosen: below where charging ends)."""
 KEPT = 4096
@@ -239,13 +242,21 @@ class Eligibility:
         capabilities: plugins and kinds of task of the robots.
         backoff: tasks that robots refused or failed at, and until when they are not offered again.
         gate: parts that may hold offers back.
+        team_map: with the zones that hold.
 
     """
 
     def __init__(
-        self, book: TaskBook, roster: Roster, capabilities: Capabilities, backoff: TaskPauses, gate: TaskGate
+        self,
+        book: TaskBook,
+        roster: Roster,
+        capabilities: Capabilities,
+        backoff: TaskPauses,
+        gate: TaskGate,
+        team_map: TeamMap,
     ) -> None:
         self._book, self._roster, self._capabilities = book, roster, capabilities
+        self._map = team_map
         self._backoff = backoff
         self.offer_refusal = gate.offer_refusal
         """Why no task is offered at all; None if tasks are."""
@@ -268,8 +279,10 @@ class Eligibility:
             return plain("is_own", "it is one of the coordinator itself")
         if (refusal := self.offer_refusal()) is not None:
             return refusal
-        if (task.paused or task.same_robot_as) and (reason := self.unplannable(record)) is not None:
+        if (task.paused or self._map.shut_zones) and (reason := self.unplannable(record)) is not None:
             return reason
+        if task.same_robot_as and not self._robot_of(task.same_robot_as):
+            return SameRobot(task.same_robot_as)
         if holder := self.held_elsewhere.by(task.id, now_ns):
             return holder_out(holder)
         if now_ns + to_ns(travel_s) < task.earliest_ns:
@@ -289,8 +302,8 @@ class Eligibility:
         if record.task.paused:
             reason = record.reason
             return reason if reason is not None and reason.code == PAUSED else plain(PAUSED, "it is paused")
-        other = record.task.same_robot_as
-        return SameRobot(other) if other and not self._robot_of(other) else None
+        zone = self._map.shut_at(record.task.place)
+        return None if zone is None else shut(zone)
 
     def new_task_state(self, record: TaskRecord, now_ns: int) -> TaskReason | None:
         """Conditions for a task that is not in the book before any robot could begin it; None if there are none."""

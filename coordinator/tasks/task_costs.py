@@ -21,7 +21,8 @@ QUERY_TASKS_MAX = 256
 ANSWER_NS = to_ns(1.0)
 """A robot that has not answered within this counts as silent, and another of its type is asked."""
 PATIENCE_NS = to_ns(3.0)
-"""After this a task is planned without an answer; its robot checks its energy by itself."""
+"""After this a task is planned without an answer; its robot checks its energy by itself. Robots of a type that has been
+silent for longer are still asked, but their next tasks do not wait: a robot need not answer."""
 KEPT_COSTS = 10_000
 
 
@@ -63,6 +64,8 @@ class TaskCosts:
         self._questions: dict[_Key, _CostQuery] = {}
         """The last query without an answer."""
         self._attempts: dict[_Key, int] = {}
+        self._silent_ns: dict[int, int] = {}
+        """By announcement: time of the first query since the last answer."""
         self._version = -1
         self._version_ns = 0
         """Since when the announcements are unchanged."""
@@ -95,11 +98,12 @@ class TaskCosts:
                 continue
             keys = self._keys(task)
             unknown = [key for key in keys if key not in self._costs]
-            if unknown and now_ns - since_ns <= PATIENCE_NS:  # earlier answers hold until then
-                for key in unknown:
-                    if robot := self._to_be_asked(task, key, keys[key], up, now_ns):
-                        missing.setdefault(robot, []).append(task)
-                continue
+            for key in unknown:
+                if robot := self._to_be_asked(task, key, keys[key], up, now_ns):
+                    missing.setdefault(robot, []).append(task)
+            asked_ns = (self._silent_ns.get(key.announcement, since_ns) for key in unknown)
+            if any(now_ns - one_ns <= PATIENCE_NS for one_ns in asked_ns):
+                continue  # earlier answers hold until then
             found = (self._costs.get(key) for key in keys)
             works = tuple(dict.fromkeys(one for one in found if one is not None))
             self._known[task.id] = _Known(self._version, works)
@@ -140,6 +144,7 @@ class TaskCosts:
         self._attempts[key] = attempt + 1
         robot = able[attempt % len(able)]
         self._questions[key] = _CostQuery(robot, task.id, now_ns)
+        self._silent_ns.setdefault(key.announcement, now_ns)
         return robot
 
     def _handle_cost(self, robot: str, cost: TaskCost) -> None:
@@ -149,6 +154,7 @@ class TaskCosts:
             return
         del self._questions[key]
         self._attempts.pop(key, None)
+        self._silent_ns.pop(key.announcement, None)
         work = msgspec.convert(cost, Work, from_attributes=True)
         self._costs[key] = None if cost.why else work
         if len(self._costs) > KEPT_COSTS:

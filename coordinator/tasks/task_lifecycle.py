@@ -21,6 +21,7 @@ from robrain.coordinator.tasks.reconcile import reconcile, strays
 from robrain.coordinator.tasks.task_book import NS_PER_MS, OUTBID_MAX, TaskBook
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Robot, Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.answers.later import Later
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import to_ns
@@ -47,6 +48,7 @@ from robrain.protocol.reasons import (
     PlainReason,
     Refused,
     RobotOut,
+    Shut,
     TaskReason,
     plain,
 )
@@ -153,22 +155,29 @@ class TaskLifecycle:
         roster: the robots of the team.
         capabilities: plugins and kinds of task of the robots.
         gate: may hold offers back; refusals are reported to it.
+        team_map: with the zones that hold.
 
     """
 
     def __init__(
-        self, wire: Endpoint, book: TaskBook, roster: Roster, capabilities: Capabilities, gate: TaskGate
+        self,
+        wire: Endpoint,
+        book: TaskBook,
+        roster: Roster,
+        capabilities: Capabilities,
+        gate: TaskGate,
+        team_map: TeamMap,
     ) -> None:
         self.wire, self.book, self.roster, self.capabilities = wire, book, roster, capabilities
         self.backoff = TaskPauses()
-        self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate)
+        self.eligibility = Eligibility(book, roster, capabilities, self.backoff, gate, team_map)
         self._offers = Offers(wire)
         self._ahead: dict[str, tuple[str, str]] = {}
         """For each robot, the running task after which it was last offered another, and that one."""
         self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
-        self._gate = gate
+        self._gate, self._map = gate, team_map
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1
@@ -298,6 +307,10 @@ class TaskLifecycle:
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
                 return  # handled by `MoteMembers`
+            if self._map.shut_zones and not record.recalled:
+                reason = self.eligibility.unplannable(record)
+                if isinstance(reason, Shut) and reason != record.reason:
+                    record = self.book.update(record.task, reason, recalls=record.state is not TaskState.QUEUED)
             # By the clock of a coordinator before this one. A change of this step may be later than its `now_ns`.
             if record.changed_ns > max(now_ns, self.wire.clock.now_ns()):
                 record = msgspec.structs.replace(record, changed_ns=self._begun_ns)

@@ -12,6 +12,7 @@ from robrain.coordinator.journal.journal import Journal
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE, RobotState
+from robrain.protocol.messages.team.service_messages import RobotLabel
 from robrain.protocol.messages.team.standing_messages import KnownRobot
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.tasks.task import LOST_AFTER_S
@@ -128,6 +129,8 @@ class Roster:
         self.robots: dict[str, Robot] = {}
         self._by_name: list[Robot] = []
         self._out_of_service: Mapping[str, OutOfService] = {}
+        self.labels: Mapping[str, RobotLabel] = {}
+        """Labels of renamed robots, by their names."""
         self._up: list[Robot] = []
         self.some_go_on = False
         """Whether any known robot continues without a coordinator."""
@@ -299,7 +302,13 @@ class Roster:
             if robot.before is not None and isinstance(out, Gone) and state is None:
                 if all_robots or self.is_complete(now_ns):
                     gone = replace(
-                        robot.before.summary, up=False, age_s=age_s, why=sentence_of(out), idle=None, out=out
+                        robot.before.summary,
+                        up=False,
+                        age_s=age_s,
+                        why=sentence_of(out),
+                        idle=None,
+                        out=out,
+                        label=self.labels.get(robot.name, UNSET),
                     )
                     summaries.append(gone)
                 continue
@@ -315,6 +324,7 @@ class Roster:
                     why=sentence_of(out or reason),
                     idle=reason,
                     out=out,
+                    label=self.labels.get(robot.name, UNSET),
                     faulted=state.faulted if state is not None else [],
                 )
             )

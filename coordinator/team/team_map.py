@@ -8,12 +8,12 @@ from robrain.protocol.messages.maps.map_messages import MapPatch
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import OCCUPIED
-from robrain.protocol.model.zone import Zone
-from robrain.protocol.reasons import DoorShut
+from robrain.protocol.model.zone import Zone, opened
 
 if TYPE_CHECKING:
     from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
     from robrain.algorithms.mapping.zone_grid import ZoneGrid
+    from robrain.algorithms.navigation.separation import Separation
     from robrain.algorithms.slam.submap_atlas import SubmapAtlas
 
 HELD_PATCHES = 16384
@@ -27,9 +27,11 @@ class TeamMap:
         self._atlas: SubmapAtlas | None = None
         self._held: deque[tuple[MapPatch, int | None]] | None = None
         self._zones: tuple[Zone, ...] = ()
+        self.shut_zones: tuple[Zone, ...] = ()
+        """The zones that hold now and open again."""
         self._zone_changes = 0
-        self._zoned: OccupancyGrid | None = None
-        self._zone_grid: ZoneGrid | None = None
+        self._zoned: dict[bool, tuple[OccupancyGrid, ZoneGrid]] = {}
+        """The map with keep-out zones; with shut zones, and without."""
 
     @property
     def seen(self) -> "OccupancyGrid | None":
@@ -39,36 +41,55 @@ class TeamMap:
     @property
     def grid(self) -> "OccupancyGrid | None":
         """The map on which robots drive: as `seen`, but keep-out zones that bind all robots are occupied."""
+        return self._with_zones(with_shut=True)
+
+    @property
+    def opened(self) -> "OccupancyGrid | None":
+        """As `grid`, once all zones have opened that open again."""
+        return self._with_zones(with_shut=not self.shut_zones)
+
+    def _with_zones(self, *, with_shut: bool) -> "OccupancyGrid | None":
         seen = self.seen
         if seen is None or not self._zone_changes:
             return seen
         version = seen.version + self._zone_changes
-        if self._zoned is None or self._zoned.version != version:
+        zoned, zone_grid = self._zoned.get(with_shut, (None, None))
+        if zoned is None or zoned.version != version:
             from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
             from robrain.algorithms.mapping.zone_grid import ZoneGrid
 
-            if self._zone_grid is None:
-                self._zone_grid = ZoneGrid([zone for zone in self._zones if not zone.robots], seen.geometry)
-            self._zoned = OccupancyGrid(seen.geometry)
-            self._zoned.log_odds[:] = self._zone_grid.close(seen.log_odds, -int(OCCUPIED))
-            self._zoned.version, self._zoned.known_count = version, int((self._zoned.log_odds != 0).sum())
-        return self._zoned
+            if zone_grid is None:
+                zones = self._zones if with_shut else opened(self._zones)
+                zone_grid = ZoneGrid([zone for zone in zones if not zone.robots], seen.geometry)
+            zoned = OccupancyGrid(seen.geometry)
+            zoned.log_odds[:] = zone_grid.close(seen.log_odds, -int(OCCUPIED))
+            zoned.version, zoned.known_count = version, int((zoned.log_odds != 0).sum())
+            self._zoned[with_shut] = zoned, zone_grid
+        return zoned
 
     @property
     def zones(self) -> tuple[Zone, ...]:
         """The zones that hold now."""
         return self._zones
 
-    def shut_door_before(self, place: Point2D, robots: Sequence[RobotState], near_m: float) -> DoorShut | None:
-        """The door that does not open and keeps all robots farther from a place than that; None if there is none."""
-        if self.seen is None or not any(zone.is_shut for zone in self._zones):
-            return None
-        from robrain.algorithms.navigation.separation import separating_zones
+    def shut_at(self, place: Point2D) -> Zone | None:
+        """The shut zone for all robots in which a place lies; None if there is none."""
+        return next((zone for zone in self.shut_zones if not zone.robots and zone.holds(place)), None)
 
-        seen, places = self.seen, [Point2D(one.pose.x_m, one.pose.y_m) for one in robots if one.pose is not None]
+    def separation(self, robots: Sequence[RobotState]) -> "Separation | None":
+        """Zones that all these robots obey, between them and places; None while no zone is shut, or no map is known.
+
+        Robots in such zones do not count: they leave.
+        """
+        if self.seen is None or not self.shut_zones:
+            return None
+        from robrain.algorithms.navigation.separation import Separation
+
+        zones = [zone for zone in self._zones if all(zone.binds(robot.robot) for robot in robots)]
+        places = [Point2D(robot.pose.x_m, robot.pose.y_m) for robot in robots if robot.pose is not None]
+        outside = [place for place in places if not any(zone.keeps_out and zone.holds(place) for zone in zones)]
         radius_m = min((robot.radius_m for robot in robots), default=0.0)
-        names = separating_zones(seen.classes(), seen.geometry, self._zones, place, places, radius_m, near_m)
-        return next((DoorShut(zone.name) for zone in self._zones if zone.is_shut and zone.name in names), None)
+        return Separation(self.seen.classes(), self.seen.geometry, zones, outside, radius_m)
 
     def zone(self, name: str) -> Zone | None:
         """Such a zone by name; None if there is none."""
@@ -76,8 +97,8 @@ class TeamMap:
 
     def set_zones(self, zones: Sequence[Zone]) -> None:
         """Obey these zones from now on."""
-        self._zones = tuple(zones)
-        self._zone_grid = None
+        self._zones, self.shut_zones = tuple(zones), tuple(zone for zone in zones if zone.is_shut)
+        self._zoned = {}
         self._zone_changes += 1
 
     @property

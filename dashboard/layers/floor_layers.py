@@ -6,13 +6,14 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from robrain.dashboard.layers.layer import Layer, MeshLayer
+from robrain.dashboard.layers.layer import LabelledLayer, Layer, MeshLayer
 from robrain.dashboard.scene.camera import Bounds, bounds_of
 from robrain.dashboard.scene.merged_meshes import by_color, copies
 from robrain.dashboard.scene.meshes import Mesh, cube, diamond
-from robrain.dashboard.scene.scene_nodes import FloorPicture, Labels, rows
+from robrain.dashboard.scene.scene_nodes import FloorPicture, rows
 from robrain.dashboard.state.shown_team import FloorVersion, ShownTeam
 from robrain.protocol.messages.maps.map_messages import LeftKind, RegionLeft
+from robrain.protocol.model.geometry import Point2D
 from robrain.recording.drawing.palette import BAD, FREE, HEAT, OCCUPIED, UNKNOWN, WALL, WARNING, Rgb
 
 FLOOR_Z_M, FIELD_Z_M = -0.01, 0.01
@@ -151,22 +152,17 @@ INACCESSIBLE = frozenset({LeftKind.TOO_NARROW, LeftKind.UNREACHABLE})
 """Robots could not get there by any try."""
 
 
-class LeftLayer(MeshLayer):
+class LeftLayer(LabelledLayer):
     """Unexplored regions, once exploration has ended; regions that robots could enter are amber."""
 
     name, label, period_s = "left", "Left unexplored", 1.0
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._labels = Labels(scene, self.node("label"), 0.8, below=True)
-
-    def _draw(self, view: ShownTeam, now_s: float) -> None:
-        super()._draw(view, now_s)
+    def _texts(self, view: ShownTeam) -> dict[str, tuple[str, Point2D]]:
         labels = {}
         for number, region in enumerate(_regions_of(view)[:REGION_LABELS]):
             text = f"{region.kind.value.replace('_', ' ')}, {region.area_m2:.1f} m2"  # the scene's font has no ²
-            labels[f"left-{number}"] = (text, (region.place.x_m, region.place.y_m, 0.0))
-        self._labels.show(labels)
+            labels[f"left-{number}"] = text, region.place
+        return labels
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[Rgb, Mesh]:
         pieces = []

@@ -13,11 +13,13 @@ import viser
 
 from robrain.dashboard.scene.merged_meshes import MergedMeshes
 from robrain.dashboard.scene.meshes import Mesh
+from robrain.dashboard.scene.scene_nodes import Labels
 from robrain.dashboard.state.alerts import Alert, AlertLevel
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.parts import parts_of
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.backoff import Backoff
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.topic import Topic
 from robrain.recording.drawing.palette import Rgb
 
@@ -130,6 +132,22 @@ class MeshLayer(Layer):
     @abstractmethod
     def _meshes(self, view: ShownTeam, now_s: float) -> Mapping[Rgb, Mesh]:
         """The meshes to show."""
+
+
+class LabelledLayer(MeshLayer):
+    """A layer with labels, which it gives in `_texts`."""
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        super().__init__(scene)
+        self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
+
+    def _draw(self, view: ShownTeam, now_s: float) -> None:
+        super()._draw(view, now_s)
+        self._labels.show({name: (text, (at.x_m, at.y_m, 0.0)) for name, (text, at) in self._texts(view).items()})
+
+    @abstractmethod
+    def _texts(self, view: ShownTeam) -> Mapping[str, tuple[str, Point2D]]:
+        """The labels to show by name, each with its place."""
 
 
 class LayerSwitch:

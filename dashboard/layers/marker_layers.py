@@ -3,7 +3,7 @@
 import numpy as np
 import viser
 
-from robrain.dashboard.layers.layer import MeshLayer, OwnLayer
+from robrain.dashboard.layers.layer import LabelledLayer, MeshLayer, OwnLayer
 from robrain.dashboard.scene.merged_meshes import by_color, copies, strips
 from robrain.dashboard.scene.meshes import Mesh, bolt, cube, diamond, flag, pin, tent
 from robrain.dashboard.scene.scene_nodes import Labels, Rows, colors, rows, to_linear
@@ -12,6 +12,7 @@ from robrain.dashboard.state.shown_robot import ShownMote, ShownRobot
 from robrain.dashboard.state.shown_team import ShownTeam
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, Zones
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.model.zone import Zone, ZoneKind
 from robrain.recording.drawing import palette
@@ -38,24 +39,15 @@ class ChargerLayer(MeshLayer):
         }
 
 
-class TaskLayer(MeshLayer):
+class TaskLayer(LabelledLayer):
     """Open tasks requested by a client: a flag waits for a robot, a pin in a robot's colour has one."""
 
     name, label, period_s = "tasks", "Tasks", 0.5
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._labels = Labels(scene, self.node("label"), 0.8, below=True)  # above are the names of robots and motes
-
-    def _draw(self, view: ShownTeam, now_s: float) -> None:
-        super()._draw(view, now_s)
+    def _texts(self, view: ShownTeam) -> dict[str, tuple[str, Point2D]]:
         events = _marked_tasks(view)
-        self._labels.show(
-            {
-                event.task.id: (task_label(event), (event.task.place.x_m, event.task.place.y_m, 0.0))
-                for event in (events if len(events) <= TASK_LABELS else [])
-            }
-        )
+        labelled = events if len(events) <= TASK_LABELS else []
+        return {event.task.id: (task_label(event), event.task.place) for event in labelled}
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         pieces = []
@@ -85,25 +77,15 @@ def task_label(event: TaskEvent) -> str:
     return f"{event.task.kind} {state}{who}"
 
 
-class ZoneLayer(MeshLayer):
+class ZoneLayer(LabelledLayer):
     """Zones: their borders on the floor, with names and rules."""
 
     name, label, period_s = "zones", "Zones", 1.0
     topics = (COORDINATOR_ZONES,)
 
-    def __init__(self, scene: viser.SceneApi) -> None:
-        super().__init__(scene)
-        self._labels = Labels(scene, self.node("label"), 0.8, below=True)
-
-    def _draw(self, view: ShownTeam, now_s: float) -> None:
-        super()._draw(view, now_s)
+    def _texts(self, view: ShownTeam) -> dict[str, tuple[str, Point2D]]:
         zones = view.zones
-        self._labels.show(
-            {
-                zone.name: (_zone_label(zone, zones), (zone.centre.x_m, zone.centre.y_m, 0.0))
-                for zone in zones.all[:ZONE_LABELS]
-            }
-        )
+        return {zone.name: (_zone_label(zone, zones), zone.centre) for zone in zones.all[:ZONE_LABELS]}
 
     def _meshes(self, view: ShownTeam, now_s: float) -> dict[palette.Rgb, Mesh]:
         zones = view.zones

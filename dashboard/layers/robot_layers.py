@@ -164,8 +164,8 @@ def body_color(robot: ShownRobot, now_s: float) -> Rgb:
 def _text(robot: ShownRobot, now_s: float) -> str:
     contact = robot.contact(now_s)
     if contact is not RobotContact.UP:
-        return f"{robot.name} {contact}"
-    return f"{robot.name} halted" if robot.halted else robot.name
+        return f"{robot.title} {contact}"
+    return f"{robot.title} halted" if robot.halted else robot.title
 
 
 MARK_Z_M = 0.06

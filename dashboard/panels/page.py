@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import viser
 
+from robrain.client.asker import Asker
 from robrain.dashboard.html.team_html import strip_html
 from robrain.dashboard.layers.layer import FIRST_RETRY_S, LONGEST_RETRY_S, layer_alerts, switches_of
 from robrain.dashboard.layers.robot_layers import SelectionMark, floor_hit, mote_near, robot_near
 from robrain.dashboard.layers.scene import Scene
 from robrain.dashboard.panels.gui_values import set_html
 from robrain.dashboard.replay.replay_source import ReplaySource
-from robrain.dashboard.server.asker import Asker
 from robrain.dashboard.server.hand_pilot import HandPilot, driver_of
 from robrain.dashboard.state.focus import Focus
 from robrain.dashboard.state.parts import parts_of

@@ -90,6 +90,11 @@ class ShownRobot:
         return min(self.poses, key=lambda known: abs(known[0] - stamp_ns))[1]
 
     @property
+    def title(self) -> str:
+        """Its label and its name, for people."""
+        return self.name if self.summary is None else self.summary.title
+
+    @property
     def has_gone(self) -> bool:
         """Whether it has left the network, by the coordinator's report."""
         return not self.present and self.summary is not None and isinstance(self.summary.out, Gone)

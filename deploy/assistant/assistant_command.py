@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.state_folder import state_folder
@@ -21,7 +21,7 @@ ID_BYTES = 4
 PREFIX = "assistant"
 
 
-assistant_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
+assistant_app = CommandApp(OPERATE)
 
 
 @assistant_app.command()

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SET_UP
+from robrain.deploy.command_line.command_group import SET_UP, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption
 
-bringup_app = typer.Typer(rich_help_panel=SET_UP, rich_markup_mode=None)
+bringup_app = CommandApp(SET_UP)
 
 
 @bringup_app.command()

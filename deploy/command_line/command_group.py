@@ -1,18 +1,26 @@
 """The `robrain` command: its subcommands by purpose, and mistakes on the command line as one sentence."""
 
+import inspect
 import logging
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, connect_team
+from robrain.deploy.command_line.output import print_either
 from robrain.deploy.errors import UsageError
 from robrain.protocol.extras import missing_package
+from robrain.protocol.keys import DEFAULT_TEAM
+
+if TYPE_CHECKING:
+    from robrain.client.team import Team
 
 ENTRY_POINTS = "robrain.commands"
 """Group of entry points: each names a `typer.Typer`. The extra with all that its commands need is in brackets."""
@@ -21,6 +29,10 @@ RECORDINGS, SET_UP, CONNECT = "Record and look back", "Set up", "Connect other p
 HEADINGS = (SIMULATE, START, OPERATE, RECORDINGS, SET_UP, CONNECT)
 """Of `robrain --help`: a command is below its `rich_help_panel`, or that of its app, and else at the end."""
 OTHERS = "Other commands"
+ConnectTeam = Callable[[], "Team"]
+"""Connects to the team that the command names; the command ends the connection."""
+Shown = tuple[object, Iterable[str]] | None
+"""Output of a command: a value for `--json`, and the same as lines. None if the command prints by itself."""
 
 logger = logging.getLogger(__name__)
 
@@ -87,6 +99,59 @@ class CommandGroup(TyperGroup):
         except typer.Abort:
             sys.exit(1)
         sys.exit(status or 0)
+
+
+class CommandApp(typer.Typer):
+    """Commands below a heading.
+
+    Args:
+        heading: of `robrain --help`.
+        name: the word before them; None if they have none.
+        text: help of the name.
+
+    """
+
+    def __init__(self, heading: str, name: str | None = None, text: str | None = None) -> None:
+        super().__init__(
+            name=name, help=text, rich_help_panel=heading, no_args_is_help=name is not None, rich_markup_mode=None
+        )
+
+    def team_command(self, *names: str) -> Callable[[Callable[..., Shown]], Callable[..., None]]:
+        """Add a command that asks a team; `--connect` and `--team` are added to its options.
+
+        A function with a result has `--json` as well: its result is printed. It checks its own options, and then calls
+        its first argument, which connects it to the team.
+
+        Args:
+            names: of the command; default: that of the function.
+
+        """
+
+        def add(function: Callable[..., Shown]) -> Callable[..., None]:
+            signature = inspect.signature(function)
+            has_result = function.__annotations__["return"] is not None
+            added = [_option("connect", ConnectOption, None), _option("team", TeamOption, DEFAULT_TEAM)]
+            added += [_option("as_json", JsonOption, False)] if has_result else []
+
+            def command(*, connect: str | None, team: str, **options: Any) -> None:
+                as_json = has_result and options.pop("as_json")
+                with ExitStack() as stack:
+                    shown = function(lambda: stack.enter_context(connect_team(connect, team)), **options)
+                if shown is not None:
+                    print_either(*shown, as_json=as_json)
+
+            command.__name__, command.__doc__ = function.__name__, function.__doc__
+            own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+            command.__signature__ = inspect.Signature(own[1:] + added)  # type: ignore[attr-defined] # which typer reads
+            for name in names or (None,):
+                self.command(name)(command)
+            return command
+
+        return add
+
+
+def _option(name: str, form: Any, default: object) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=form)
 
 
 def missing_extra(error: ModuleNotFoundError, words: Sequence[str], extras: Mapping[str, str]) -> UsageError | None:

@@ -1,6 +1,7 @@
 """Common options of commands, their parsing, and the printing of results; light, as every command loads it."""
 
 import math
+import os
 import re
 from enum import StrEnum
 from pathlib import Path
@@ -20,7 +21,7 @@ ConnectOption = Annotated[
 ]
 TeamOption = Annotated[str, typer.Option(help="Name of the team.")]
 RobotArgument = Annotated[str, typer.Argument(help="Name of a robot.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 
 
 class WireFormat(StrEnum):
@@ -106,6 +107,14 @@ ScenarioArgument = Annotated[
 MapOption = Annotated[
     Path | None, typer.Option("--map", help="A map.yaml in the ROS map_server format instead of a scenario.")
 ]
+KnownOption = Annotated[
+    bool,
+    typer.Option(
+        "--known",
+        help="The team knows the floor and does not explore it. With a SCENARIO it knows the --map, which may also be "
+        "the recording of an earlier run.",
+    ),
+]
 RobotsOption = Annotated[int | None, typer.Option(help="Number of robots.")]
 MotesOption = Annotated[int | None, typer.Option(help="Number of sensor motes.")]
 SeedOption = Annotated[int | None, typer.Option(help="Seed of all random numbers.")]
@@ -134,6 +143,19 @@ def make_folder(folder: Path) -> None:
         raise UsageError(
             f"{folder.absolute()} cannot be made: {error.strerror}; run robrain in another folder"
         ) from error
+
+
+def write_file(path: Path, data: bytes, mode: int = 0o600) -> None:
+    """Write a file in one step, and onto the disk: a reader sees the old or the new one."""
+    new = path.with_name(f".{path.name}.new")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    new.chmod(mode)
+    new.replace(path)
 
 
 def next_file(folder: Path, name: str, suffix: str = ".mcap") -> Path:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from robrain.client.door_keeper import DoorKeeper
-from robrain.deploy.command_line.command_group import CONNECT
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
@@ -16,7 +16,7 @@ from robrain.protocol.wire.hub import team_endpoints
 
 STEP_S = 0.1
 ADDRESS_MAX = 65_535
-door_app = typer.Typer(rich_help_panel=CONNECT, rich_markup_mode=None)
+door_app = CommandApp(CONNECT)
 
 
 @door_app.command()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_either
 from robrain.deploy.errors import UsageError
@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 EXIT_PROBLEMS = 1
 """A journal or backup that was checked has problems."""
 
-journal_app = typer.Typer(
-    rich_help_panel=OPERATE,
-    name="journal",
-    help="Back up, check and restore a coordinator's journal.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+journal_app = CommandApp(OPERATE, "journal", "Back up, check and restore a coordinator's journal.")
 
 
 @journal_app.command()

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, RobotArgument, TeamOption, connect_team
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
+from robrain.deploy.command_line.options import JsonOption, RobotArgument
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.errors import UsageError
-from robrain.protocol.keys import DEFAULT_TEAM, check_name
+from robrain.protocol.keys import check_name
 
 if TYPE_CHECKING:
     from robrain.client.team import Team
@@ -17,70 +17,53 @@ if TYPE_CHECKING:
 
 EXIT_MISTAKES = 1
 
-plugin_app = typer.Typer(
-    rich_help_panel=OPERATE,
-    name="plugin",
-    help="List, load, unload and reload the plugins of a robot; write and check new ones.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+plugin_app = CommandApp(
+    OPERATE, "plugin", "List, load, unload and reload the plugins of a robot; write and check new ones."
 )
 
 PluginArgument = Annotated[str, typer.Argument(help="Name of the plugin.")]
 
 
-@plugin_app.command("list")
-def list_plugins(
-    robot: RobotArgument,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array on stdout and nothing else.")] = False,
-) -> None:
+@plugin_app.team_command("list")
+def list_plugins(connect: ConnectTeam, robot: RobotArgument, as_json: JsonOption = False) -> None:
     """List a robot's plugins with state and reason."""
-    with _client(connect, team, robot) as client:
-        infos = client.plugins(robot)
+    infos = _team(connect, robot).plugins(robot)
     if as_json:
         print_json(infos)
     else:
         _show(infos)
 
 
-@plugin_app.command()
+@plugin_app.team_command()
 def load(
+    connect: ConnectTeam,
     robot: RobotArgument,
     plugin: Annotated[
         str, typer.Argument(help="A name in the robot's plugin folders, or the path of a folder or manifest.")
     ],
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Load a plugin, and those that it requires, into a running robot."""
     wanted = _name_or_path(plugin)
-    with _client(connect, team, robot) as client:
-        _print_states(client.load(robot, wanted))
+    _print_states(_team(connect, robot).load(robot, wanted))
 
 
-@plugin_app.command()
+@plugin_app.team_command()
 def unload(
+    connect: ConnectTeam,
     robot: RobotArgument,
     plugin: PluginArgument,
     cascade: Annotated[bool, typer.Option("--cascade", help="Also unload the plugins that require it.")] = False,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Unload a plugin; refused while others require it."""
     check_name("plugin", plugin)
-    with _client(connect, team, robot) as client:
-        _print_states(client.unload(robot, plugin, cascade=cascade))
+    _print_states(_team(connect, robot).unload(robot, plugin, cascade=cascade))
 
 
-@plugin_app.command()
-def reload(
-    robot: RobotArgument, plugin: PluginArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM
-) -> None:
+@plugin_app.team_command()
+def reload(connect: ConnectTeam, robot: RobotArgument, plugin: PluginArgument) -> None:
     """Load a plugin again after an edit; if that fails, the old one keeps running."""
     check_name("plugin", plugin)
-    with _client(connect, team, robot) as client:
-        _print_states(client.reload(robot, plugin))
+    _print_states(_team(connect, robot).reload(robot, plugin))
 
 
 @plugin_app.command()
@@ -118,9 +101,9 @@ def check(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder w
         raise typer.Exit(EXIT_MISTAKES)
 
 
-def _client(connect: str | None, team: str, robot: str) -> "Team":
+def _team(connect: ConnectTeam, robot: str) -> "Team":
     check_name("robot", robot)
-    return connect_team(connect, team)
+    return connect()
 
 
 def _name_or_path(text: str) -> str:

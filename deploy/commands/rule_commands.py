@@ -7,22 +7,13 @@ from typing import Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption, connect_team
-from robrain.deploy.command_line.output import print_either
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.errors import UsageError
 from robrain.protocol.clock import to_seconds
-from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus, RuleTable
 from robrain.protocol.model.rules.rule import Rule
 
-rule_app = typer.Typer(
-    rich_help_panel=OPERATE,
-    name="rule",
-    help="Show and change rules and schedules, which create tasks.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+rule_app = CommandApp(OPERATE, "rule", "Show and change rules and schedules, which create tasks.")
 
 
 class ChangedRules(msgspec.Struct, frozen=True):
@@ -31,44 +22,33 @@ class ChangedRules(msgspec.Struct, frozen=True):
     rules: tuple[Rule, ...] = ()
 
 
-@rule_app.command("list")
-def list_rules(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+@rule_app.team_command("list")
+def list_rules(connect: ConnectTeam) -> Shown:
     """List the team's rules and their states."""
-    with connect_team(connect, team) as client:
-        _print(client.rules(), as_json=as_json)
+    return _shown(connect().rules())
 
 
-@rule_app.command()
-def put(
-    file: Annotated[Path, typer.Argument(help="TOML file with [[rules]].")],
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
-) -> None:
+@rule_app.team_command()
+def put(connect: ConnectTeam, file: Annotated[Path, typer.Argument(help="TOML file with [[rules]].")]) -> Shown:
     """Add the rules of a file; they replace rules with the same names. All others keep their states."""
-    from robrain.deploy.processes.table_files import read_tables
+    from robrain.deploy.processes.table_files import tables_in
 
-    rules = read_tables(file, ChangedRules, "FILE").rules
+    rules = tables_in(file, ChangedRules, "FILE").rules
     if not rules:
         raise UsageError(f"FILE {file}: expected at least one table [[rules]]")
-    with connect_team(connect, team) as client:
-        _print(client.change_rules(*rules), as_json=as_json)
+    return _shown(connect().change_rules(*rules))
 
 
-@rule_app.command()
+@rule_app.team_command()
 def remove(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of rules.")],
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
-) -> None:
+    connect: ConnectTeam, names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of rules.")]
+) -> Shown:
     """Remove rules."""
-    with connect_team(connect, team) as client:
-        _print(client.change_rules(remove=names), as_json=as_json)
+    return _shown(connect().change_rules(remove=names))
 
 
-def _print(table: RuleTable, *, as_json: bool) -> None:
-    print_either(table, map(_text_of, table.states) if table.states else ["the team has no rules"], as_json=as_json)
+def _shown(table: RuleTable) -> Shown:
+    return table, map(_text_of, table.states) if table.states else ["the team has no rules"]
 
 
 def _text_of(one: RuleStatus) -> str:

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START
+from robrain.deploy.command_line.command_group import OPERATE, SET_UP, START, CommandApp
 from robrain.deploy.command_line.options import (
     ConnectOption,
     IdleOption,
     JournalOption,
     JsonOption,
+    KnownOption,
     ListenOption,
     MapOption,
     MotesOption,
@@ -33,8 +34,8 @@ EXIT_WRONG = 1
 """Exit status of `up` if a part was given up, and of `doctor` if something is wrong."""
 EXIT_INTERRUPTED = 130
 
-up_app = typer.Typer(rich_help_panel=START, rich_markup_mode=None)
-supervision_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
+up_app = CommandApp(START)
+supervision_app = CommandApp(OPERATE)
 
 TeamArgument = Annotated[
     str | None, typer.Argument(help="A built-in name (depot), a scenario .toml file, or a team .toml file.")
@@ -47,6 +48,7 @@ def up(
     scenario: TeamArgument = None,
     host: HostOption = None,
     map_file: MapOption = None,
+    known: KnownOption = False,
     robots: RobotsOption = None,
     motes: MotesOption = None,
     seed: SeedOption = None,
@@ -88,8 +90,8 @@ def up(
     target, limit_s = until_explored(until), above_zero("--time-limit", time_limit)
     if scenario is not None and is_team_file(Path(scenario)):
         given = {
-            "--map": map_file, "--robots": robots, "--motes": motes, "--seed": seed, "--idle": idle or None,
-            "--record": record, "--port": port,
+            "--map": map_file, "--known": known or None, "--robots": robots, "--motes": motes, "--seed": seed,
+            "--idle": idle or None, "--record": record, "--port": port,
             "--listen": listen, "--journal": journal, "--stand-by": stand_by or None, "--rules": rules,
             "--no-dashboard": None if dashboard else True, "--secured": secured or None, "--pki": pki,
             "--team": None if team == DEFAULT_TEAM else team,
@@ -104,7 +106,7 @@ def up(
         if host is not None:
             raise UsageError(f"--host {host}: expected a team file with [[hosts]]")
         check_name("team", team)
-        chosen = choose_scenario(scenario, map_file, robots, motes, seed, idle=idle)
+        chosen = choose_scenario(scenario, map_file, robots, motes, seed, known=known, idle=idle)
         if rules is not None:
             from robrain.deploy.processes.table_files import read_rules
 
@@ -121,7 +123,7 @@ def up(
             team=team,
             parts=[HUB, ARENA, COORDINATOR, *names, *(part for part, is_wanted in optional.items() if is_wanted)],
             scenario=chosen,
-            words=_scenario_arguments(scenario, map_file, robots, motes, seed),
+            words=_scenario_arguments(scenario, None if scenario else map_file, robots, motes, seed),
             listen=listen,
             robots=names,
             witnesses=witnesses_among(names) if stand_by else [],

@@ -6,15 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import (
-    ConnectOption,
-    JsonOption,
-    RobotArgument,
-    TeamOption,
-    WireFormat,
-    connect_team,
-)
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
+from robrain.deploy.command_line.options import ConnectOption, JsonOption, RobotArgument, TeamOption, WireFormat
 from robrain.deploy.command_line.output import print_json, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
@@ -27,7 +20,7 @@ if TYPE_CHECKING:
 EXIT_DISOBEYED = 1
 """Exit status of `halt` and `resume` if a robot has not confirmed in time."""
 
-team_app = typer.Typer(rich_help_panel=OPERATE, rich_markup_mode=None)
+team_app = CommandApp(OPERATE)
 
 RobotOption = Annotated[str | None, typer.Option(help="The same as ROBOT.")]
 OneRobotArgument = Annotated[
@@ -36,67 +29,52 @@ OneRobotArgument = Annotated[
 ByOption = Annotated[str | None, typer.Option(help="Name of the person or program that asks; default: operator:$USER.")]
 
 
-@team_app.command()
+@team_app.team_command()
 def halt(
+    connect: ConnectTeam,
     one: OneRobotArgument = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
     robot: RobotOption = None,
     by: ByOption = None,
     reason: Annotated[str, typer.Option(help="Reason, for the log.")] = "",
 ) -> None:
     """Emergency halt: stop all robots, and list the robots that have not stopped."""
     name = one_robot(one, robot)
-    with connect_team(connect, team) as client:
-        _end(client.halt(name, reason=reason, by=by), None if name else team)
+    team = connect()
+    _end(team.halt(name, reason=reason, by=by), None if name else team.transport.team)
 
 
-@team_app.command()
-def lead(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+@team_app.team_command()
+def lead(connect: ConnectTeam) -> None:
     """Have the coordinator lead, by your word: no other journal has more, and silent robots do no tasks."""
-    with connect_team(connect, team) as client:
-        skipped = client.lead()
-    if skipped:
+    if skipped := connect().lead():
         print_result(f"silent robots that do not count until they are heard again: {', '.join(skipped)}")
     else:
         print_result("all robots count: none of them is silent, or the coordinator leads already")
 
 
-@team_app.command()
-def remove(robot: RobotArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM) -> None:
+@team_app.team_command()
+def remove(connect: ConnectTeam, robot: RobotArgument) -> None:
     """Remove a robot that has gone: status and page show it as gone until then."""
-    with connect_team(connect, team) as client:
-        client.remove_robot(check_name("robot", robot))
+    check_name("robot", robot)
+    connect().remove_robot(robot)
     print_result(f"{robot}: removed")
 
 
-@team_app.command()
-def resume(
-    one: OneRobotArgument = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    robot: RobotOption = None,
-    by: ByOption = None,
-) -> None:
+@team_app.team_command()
+def resume(connect: ConnectTeam, one: OneRobotArgument = None, robot: RobotOption = None, by: ByOption = None) -> None:
     """End an emergency halt; allowed to the one that halted, and to operators."""
     name = one_robot(one, robot)
-    with connect_team(connect, team) as client:
-        _end(client.resume(name, by=by), None if name else team)
+    team = connect()
+    _end(team.resume(name, by=by), None if name else team.transport.team)
 
 
-@team_app.command()
-def shell(
-    robot: RobotArgument,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-) -> None:
+@team_app.team_command()
+def shell(connect: ConnectTeam, robot: RobotArgument) -> None:
     """Call a robot's plugins interactively: call driver stop(), list, help driver."""
     from robrain.deploy.commands.shell import run_shell
 
     check_name("robot", robot)
-    with connect_team(connect, team) as client:
-        failed = run_shell(client, robot, interactive=sys.stdin.isatty())
-    if failed:
+    if failed := run_shell(connect(), robot, interactive=sys.stdin.isatty()):
         raise typer.Exit(failed)
 
 
@@ -123,26 +101,25 @@ def call(
         raise typer.Exit(failed)
 
 
-@team_app.command()
+@team_app.team_command()
 def log(
+    connect: ConnectTeam,
     robot: RobotArgument,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Print further lines as they come.")] = False,
     plugin: Annotated[str, typer.Option(help="Only the lines of this plugin.")] = "",
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
 ) -> None:
     """Print the output and logs of a robot's plugins, and its faults and halts."""
     from datetime import datetime
 
     check_name("robot", robot)
-    with connect_team(connect, team) as client:
-        if plugin and plugin not in (names := [info.name for info in client.plugins(robot)]):
-            raise UsageError(f"{robot} has no plugin {plugin}; there are: {', '.join(names)}")
-        for record in client.log(robot, follow=follow):
-            if plugin in ("", record.source):
-                level = "" if record.level == "info" else f" {record.level}"
-                time = datetime.fromtimestamp(record.stamp_ns / 1e9).astimezone()
-                print_result(f"{time:%H:%M:%S} {record.source}{level}: {record.text}")
+    team = connect()
+    if plugin and plugin not in (names := [info.name for info in team.plugins(robot)]):
+        raise UsageError(f"{robot} has no plugin {plugin}; there are: {', '.join(names)}")
+    for record in team.log(robot, follow=follow):
+        if plugin in ("", record.source):
+            level = "" if record.level == "info" else f" {record.level}"
+            time = datetime.fromtimestamp(record.stamp_ns / 1e9).astimezone()
+            print_result(f"{time:%H:%M:%S} {record.source}{level}: {record.text}")
 
 
 @team_app.command()

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SET_UP
+from robrain.deploy.command_line.command_group import SET_UP, CommandApp
 
 FILES = Path(__file__).parent
 FOLDERS = ("systemd", "zenohd", "nginx", "udev", "network", "time", "logs", "observability")
@@ -26,7 +26,7 @@ def write_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-machine_app = typer.Typer(rich_help_panel=SET_UP, rich_markup_mode=None)
+machine_app = CommandApp(SET_UP)
 
 
 @machine_app.command()

@@ -20,6 +20,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 from msgspec import Meta
 
+from robrain.deploy.command_line.options import write_file
 from robrain.deploy.errors import PkiError
 from robrain.protocol.access.identity import CA, CERTIFICATE, KEY, RENEW_BELOW, check_private
 from robrain.protocol.access.member import Member, MemberRole, member
@@ -123,19 +124,6 @@ def make_folder(path: Path) -> None:
     path.chmod(FOLDER)
 
 
-def _write(path: Path, data: bytes, mode: int = PRIVATE) -> None:
-    """Write a file in one step: a reader sees the old or the new one."""
-    new = path.with_name(f".{path.name}.new")
-    new.unlink(missing_ok=True)
-    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    new.chmod(mode)
-    new.replace(path)
-
-
 ZENOHD_FILE = "zenohd.json5"
 ZENOHD_PORT = 7447
 
@@ -226,9 +214,9 @@ def init(pki: Path, team: str, now: datetime) -> None:
     make_folder(pki)
     make_folder(pki / MEMBERS_FOLDER)
     pair = Authority.create(team, now)
-    _write(pki / CA_KEY, pair.key)
-    _write(pki / CA_CERTIFICATE, pair.certificate, PUBLIC)
-    _write(pki / MEMBERS_FILE, msgspec.json.format(msgspec.json.encode(MembersFile(team=team))))
+    write_file(pki / CA_KEY, pair.key)
+    write_file(pki / CA_CERTIFICATE, pair.certificate, PUBLIC)
+    write_file(pki / MEMBERS_FILE, msgspec.json.format(msgspec.json.encode(MembersFile(team=team))))
 
 
 def issue(pki: Path, wanted: Member, now: datetime, days: float = DAYS, hosts: Sequence[str] = ()) -> IssuedCertificate:
@@ -331,9 +319,9 @@ def _issue(
     folder = folder_of(pki, wanted)
     make_folder(folder)
     # The key first: until the certificate is there too, the old one does not fit it, and a reader tries again.
-    _write(folder / KEY, pair.key)
-    _write(folder / CERTIFICATE, pair.certificate, PUBLIC)
-    _write(folder / CA, ca_certificate, PUBLIC)
+    write_file(folder / KEY, pair.key)
+    write_file(folder / CERTIFICATE, pair.certificate, PUBLIC)
+    write_file(folder / CA, ca_certificate, PUBLIC)
     issued = IssuedCertificate(
         role=wanted.role,
         team=wanted.team,
@@ -350,13 +338,13 @@ def _issue(
 def _write_members(pki: Path, members: MembersFile) -> None:
     """The list of members, and its copies in the folders of routers."""
     text = msgspec.json.format(msgspec.json.encode(members))
-    _write(pki / MEMBERS_FILE, text)
+    write_file(pki / MEMBERS_FILE, text)
     for one in members.members:
         folder = folder_of(pki, one.member)
         if one.member.role is MemberRole.ROUTER and not one.revoked and folder.is_dir():
-            _write(folder / MEMBERS_FILE, text)
+            write_file(folder / MEMBERS_FILE, text)
             text_of_zenohd = zenohd_text(members.allowed, one.member, endpoints_of(folder / ZENOHD_FILE))
-            _write(folder / ZENOHD_FILE, text_of_zenohd.encode())
+            write_file(folder / ZENOHD_FILE, text_of_zenohd.encode())
 
 
 def _need_cryptography(where: Path) -> None:

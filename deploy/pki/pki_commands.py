@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SET_UP, START
+from robrain.deploy.command_line.command_group import SET_UP, START, CommandApp
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 
@@ -14,13 +14,7 @@ if TYPE_CHECKING:
     from robrain.deploy.pki.issuing import IssuedCertificate
     from robrain.protocol.access.member import Member
 
-pki_app = typer.Typer(
-    name="pki",
-    rich_help_panel=SET_UP,
-    no_args_is_help=True,
-    help="Make the certificates of a secured team.",
-    rich_markup_mode=None,
-)
+pki_app = CommandApp(SET_UP, "pki", "Make the certificates of a secured team.")
 
 PkiOption = Annotated[Path, typer.Option("--pki", help="Folder of the CA.")]
 RoleArgument = Annotated[
@@ -123,7 +117,7 @@ def show(pki: PkiOption = DEFAULT_PKI) -> None:
         print_result(f"{one.member.common_name:<40} {state:<20} {one.serial}")
 
 
-router_app = typer.Typer(rich_help_panel=START, rich_markup_mode=None)
+router_app = CommandApp(START)
 
 
 @router_app.command()

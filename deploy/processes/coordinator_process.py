@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import zenoh
@@ -36,6 +36,10 @@ from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.wire.hub import team_endpoints
+from robrain.recording.errors import MapError, RecordingError
+
+if TYPE_CHECKING:  # loads kernels
+    from robrain.algorithms.slam.floor_map import FloorMap
 
 PERIOD_S = 0.01
 WORDS = {
@@ -87,6 +91,8 @@ class LiveCoordination(NamedTuple):
     policy: PlanningPolicy
     rules: Sequence[Rule]
     missions: Sequence[Mission]
+    floor: "FloorMap | None"
+    """Known before the run; None if the team has to explore."""
     on_ready: Callable[[], None]
     """Called each time that it begins to lead."""
 
@@ -129,7 +135,9 @@ class LiveCoordination(NamedTuple):
             self.on_ready()
 
         with live_endpoint(self.session, self.team) as wire:
-            return run_coordinator(wire, should_stop, ready, journal, self.policy, self.rules, elected, self.missions)
+            return run_coordinator(
+                wire, should_stop, ready, journal, self.policy, self.rules, elected, self.missions, self.floor
+            )
 
     def _await_election(self, witnesses: Sequence[str], claim: NameClaim, should_stop: ShouldStop) -> Elected | None:
         """Follow or stand for election until it is elected; None if `should_stop` came first."""
@@ -174,6 +182,7 @@ def coordinator_command(
     planning: Path | None = None,
     rules: Path | None = None,
     witnesses: Sequence[str] = (),
+    floor: Path | None = None,
 ) -> None:
     """Coordinate a team until Ctrl-C; wait until the endpoint answers.
 
@@ -185,6 +194,7 @@ def coordinator_command(
         planning: file with a `[planning]` table.
         rules: file with `[[rules]]` and `[[missions]]`.
         witnesses: names of the robots that elect it; none if it is alone.
+        floor: map_server file, or recording, of a known floor.
 
     Raises:
         RobrainError: in one sentence.
@@ -200,6 +210,7 @@ def coordinator_command(
             kept_rules, missions = tables.rules, tables.missions
     if objective is not None:
         policy = msgspec.structs.replace(policy, objective=objective)
+    known_floor = None if floor is None else _read_floor(floor)
     should_stop = LiveStop()
     where = place.connect or team_endpoints()
     identity = check_certificate(
@@ -220,12 +231,21 @@ def coordinator_command(
 
     with closing(session):
         path = journal if journal is not None else Path(f"{team}.journal")
-        coordination = LiveCoordination(session, team, path, policy, kept_rules, missions, ready)
+        coordination = LiveCoordination(session, team, path, policy, kept_rules, missions, known_floor, ready)
         if witnesses:
             should_stop.ready()
             coordination.lead_elected(witnesses, should_stop)
         else:
             coordination.lead_alone(should_stop)
+
+
+def _read_floor(path: Path) -> "FloorMap":
+    from robrain.recording.reader.floor_file import read_floor  # most need none and start sooner
+
+    try:
+        return read_floor(path)
+    except (MapError, RecordingError) as error:
+        raise UsageError(f"--floor: {error}") from error
 
 
 def _print(text: str) -> None:

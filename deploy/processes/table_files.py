@@ -1,7 +1,7 @@
 """Files that are read for `[planning]`, or for `[[rules]]` and `[[missions]]`; a scenario has them among others."""
 
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 
@@ -9,15 +9,15 @@ from robrain.coordinator.parts.mission_forms import check_files_missions
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
-from robrain.protocol.model.checked import convert
+from robrain.protocol.file_mistakes import read_tables
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule, check_rules
-from robrain.protocol.toml_text import LARGE, read_toml
+from robrain.protocol.toml_text import LARGE, toml_of
 
-Tables = TypeVar("Tables", bound=msgspec.Struct)
+TablesT = TypeVar("TablesT", bound=msgspec.Struct)
 
 
-def read_tables(path: Path, wanted: type[Tables], option: str) -> Tables:
+def tables_in(path: Path, wanted: type[TablesT], option: str) -> TablesT:
     """Read the tables of a TOML file that a struct has as fields; the file may have others too.
 
     Raises:
@@ -25,15 +25,9 @@ def read_tables(path: Path, wanted: type[Tables], option: str) -> Tables:
 
     """
     try:
-        return convert(read_toml(path, LARGE), wanted)
-    except FileNotFoundError as error:
-        raise UsageError(f"{option} {path}: there is no such file") from error
+        return read_tables(path, wanted, LARGE)
     except BadToml as error:
         raise UsageError(f"{option} {path}: {error}") from error
-    except msgspec.ValidationError as error:
-        what, _, key = str(error).partition(" - at `$")
-        key = key.rstrip("`").lstrip(".")
-        raise UsageError(f"{option} {path}: {f'{key}: ' if key else ''}{what}") from error
 
 
 class _Tables(msgspec.Struct, frozen=True):
@@ -49,7 +43,7 @@ def read_planning(path: Path, option: str = "--planning") -> PlanningPolicy:
         UsageError: naming file, key and expected value.
 
     """
-    found = read_tables(path, _Tables, option).planning
+    found = tables_in(path, _Tables, option).planning
     if found is None:
         raise UsageError(f"{option} {path}: expected a table [planning]")
     return found.with_files_of(path.parent)
@@ -79,7 +73,7 @@ def read_rules(path: Path) -> RuleTables:
         UsageError: naming file, key and expected value.
 
     """
-    found = read_tables(path, RuleTables, "--rules")
+    found = tables_in(path, RuleTables, "--rules")
     if not (found.rules or found.missions):
         raise UsageError(f"--rules {path}: expected at least one table [[rules]] or [[missions]]")
     return found
@@ -87,14 +81,5 @@ def read_rules(path: Path) -> RuleTables:
 
 def write_rules(path: Path, tables: RuleTables) -> Path:
     """Write a file that `read_rules` reads; returns its path."""
-    path.write_bytes(msgspec.toml.encode(_given(msgspec.to_builtins(tables))))
+    path.write_text(toml_of(msgspec.to_builtins(tables)), encoding="utf-8")
     return path
-
-
-def _given(value: Any) -> Any:
-    """A document without the keys that are None, which TOML leaves out."""
-    if isinstance(value, list | tuple):
-        return [_given(part) for part in value]
-    if isinstance(value, dict):
-        return {key: _given(part) for key, part in value.items() if part is not None}
-    return value

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import RECORDINGS
+from robrain.deploy.command_line.command_group import RECORDINGS, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
 from robrain.deploy.command_line.output import print_json
 from robrain.deploy.errors import UsageError
@@ -89,8 +89,8 @@ def export_map(
     return written
 
 
-recording_app = typer.Typer(rich_help_panel=RECORDINGS, rich_markup_mode=None)
-foxglove_app = typer.Typer(rich_help_panel=RECORDINGS, rich_markup_mode=None)
+recording_app = CommandApp(RECORDINGS)
+foxglove_app = CommandApp(RECORDINGS)
 
 DIFFERENT = 1
 """Exit status of `check` with problems, and of `diff` with a difference."""

@@ -4,14 +4,12 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import CONNECT
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
-ros2_app = typer.Typer(
-    name="ros2", rich_help_panel=CONNECT, no_args_is_help=True, help="A team and ROS 2.", rich_markup_mode=None
-)
+ros2_app = CommandApp(CONNECT, "ros2", "A team and ROS 2.")
 
 
 @ros2_app.command()

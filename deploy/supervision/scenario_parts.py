@@ -19,7 +19,7 @@ from robrain.deploy.supervision.part import ARENA, Part
 from robrain.deploy.supervision.site import Site, votes_option
 from robrain.protocol.wire.endpoint import Drive
 from robrain.protocol.wire.session import is_loopback
-from robrain.recording.provenance import Provenance
+from robrain.recording.provenance import MAP_ATTACHMENT, Provenance
 from robrain.sim.scenarios.scenario import Scenario
 from robrain.sim.world.world import manifest_texts
 
@@ -46,7 +46,17 @@ class ScenarioParts:
         if scenario.rules or scenario.missions:
             tables = RuleTables(rules=scenario.rules, missions=scenario.missions)
             options += ["--rules", str(write_rules(folder / "rules.toml", tables))]
+        if scenario.known_floor:
+            known = scenario.known_floor
+            options += ["--floor", str(self._write_floor() if known is True else known)]
         return options
+
+    def _write_floor(self) -> Path:
+        """Write the scenario's floor as a map; returns its YAML file."""
+        path = self._site.folder / "floor.yaml"
+        path.write_text(self._world.map_yaml(), encoding="utf-8")
+        path.with_name(MAP_ATTACHMENT).write_bytes(self._world.map_png())
+        return path
 
     def arena(self, words: Sequence[str]) -> Part:
         """The simulator, started with the words of a command line that name the same scenario."""

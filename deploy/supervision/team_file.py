@@ -7,18 +7,18 @@ import ipaddress
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-from robrain.agent.manifest import key_and_problem
 from robrain.deploy.errors import UsageError
 from robrain.deploy.supervision.part import ARENA, HUB, STOCK_PARTS
 from robrain.protocol.errors import BadName, BadToml
+from robrain.protocol.file_mistakes import read_tables
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.model.checked import Checked, convert
-from robrain.protocol.toml_text import SMALL, read_toml
+from robrain.protocol.model.checked import Checked
+from robrain.protocol.toml_text import read_toml
 
 HOSTS = "hosts"
 PORT = 7447
@@ -58,6 +58,8 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     """The coordinator's planning file, relative to this one; a scenario has its own."""
     rules: str = ""
     """The coordinator's rules file, relative to this one; a scenario has its own."""
+    floor: str = ""
+    """The coordinator's known floor, a map.yaml or a recording, relative to this file; a scenario has its own."""
     record: str = ""
     """The recorder's file, relative to this one; default: runs/NAME-N.mcap with the first free number."""
     dashboard_port: Annotated[int, Meta(ge=0, le=65_535)] | None = None
@@ -69,7 +71,7 @@ class SiteTeamTable(Checked, frozen=True, forbid_unknown_fields=True, omit_defau
     def __post_init__(self) -> None:
         super().__post_init__()
         _checked("team", self.name)
-        for key in ("planning", "rules"):
+        for key in ("planning", "rules", "floor"):
             if self.scenario and getattr(self, key):
                 raise ValueError(f"{key}: expected no such file, because the scenario has its own")
 
@@ -159,8 +161,8 @@ class TeamFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def is_team_file(path: Path) -> bool:
     """Whether a file can be read and has `[[hosts]]`."""
     try:
-        return HOSTS in read_toml(path, SMALL)
-    except (FileNotFoundError, BadToml):
+        return HOSTS in read_toml(path)
+    except BadToml:
         return False
 
 
@@ -172,17 +174,10 @@ def read_team_file(path: Path) -> TeamFile:
 
     """
     try:
-        raw: dict[str, Any] = read_toml(path, SMALL)
-    except FileNotFoundError as error:
-        raise UsageError(f"{path}: no such file; expected a team file with [[hosts]]") from error
+        found = read_tables(path, TeamFile)
     except BadToml as error:
         raise UsageError(f"{path}: {error}") from error
-    try:
-        found = convert(raw, TeamFile)
-    except msgspec.ValidationError as error:
-        where, what = key_and_problem(error, raw, TeamFile)
-        raise UsageError(f"{path}: {what if where == 'file' else f'{where}: {what}'}") from error
-    files = {"team.planning": found.team.planning, "team.rules": found.team.rules}
+    files = {"team.planning": found.team.planning, "team.rules": found.team.rules, "team.floor": found.team.floor}
     for key, file in files.items():
         if file and not (path.parent / file).is_file():
             raise UsageError(f"{path}: {key}: expected a file, found none at {path.parent / file}")

@@ -20,6 +20,7 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_S
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
 from robrain.protocol.messages.team.recorder_messages import RECORDER_STATE
+from robrain.protocol.messages.team.service_messages import RobotLabel
 from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COORDINATOR_STATE, StandByStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.map_frame import ARENA as ARENA_FRAME
@@ -60,6 +61,8 @@ class RobotStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     robot: str
     condition: RobotCondition
+    label: RobotLabel | None = None
+    """How people call it, and who named it so; None if it was not renamed."""
     why: str = ""
     """In words; empty if it is up, or if only `plugins_out` has more."""
     soc: float | None = None
@@ -143,6 +146,9 @@ def status_by(wire: Endpoint) -> TeamStatus:
         for robot in summary.robots
         if isinstance(robot.out, Gone) and robot.name not in statuses
     }
+    for robot in summary.robots:
+        if robot.label and robot.name in statuses:
+            statuses[robot.name] = msgspec.structs.replace(statuses[robot.name], label=robot.label)
     return TeamStatus(
         team=found.team,
         coordinator=found.coordinator,
@@ -185,7 +191,7 @@ def _cells(robot: RobotStatus) -> list[str]:
     out = sum(map(len, robot.plugins_out.values()))
     gone = "" if robot.silent_s is None else f" {span_text(robot.silent_s)}"
     return [
-        robot.robot,
+        f"{robot.label.text} ({robot.robot})" if robot.label else robot.robot,
         f"{robot.condition}{gone}",
         "–" if robot.soc is None else f"{robot.soc:.0%}",
         "–" if robot.place is None else f"({robot.place.x_m:.1f}, {robot.place.y_m:.1f})",

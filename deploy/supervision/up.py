@@ -460,7 +460,7 @@ def plan_of_host(path: Path, host_name: str | None) -> UpPlan:
                 f"robot of [robots], got {unknown[0]}"
             )
     is_elected = any(STAND_BY in one.parts for one in team_file.hosts)
-    kept = {"--planning": team.planning, "--rules": team.rules}
+    kept = {"--planning": team.planning, "--rules": team.rules, "--floor": team.floor}
     has_hub = HUB in host.parts
     return UpPlan(
         name=host.name,

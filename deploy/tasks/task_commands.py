@@ -4,14 +4,14 @@ import inspect
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import msgspec
 import typer
 
 from robrain.client.submission import AS_SENT, ChangeFields, TaskFields, any_zone, submission_of
-from robrain.deploy.command_line.command_group import OPERATE
-from robrain.deploy.command_line.options import ConnectOption, TeamOption, connect_team, place
+from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
+from robrain.deploy.command_line.options import JsonOption, place
 from robrain.deploy.command_line.output import print_either, print_json
 from robrain.deploy.errors import UsageError
 from robrain.deploy.tasks.task_files import (
@@ -25,14 +25,15 @@ from robrain.deploy.tasks.task_files import (
     verdict_line,
 )
 from robrain.protocol.errors import CallError
-from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.messages.tasks.task_messages import TaskFilter
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
 from robrain.protocol.model.tasks.task import TaskState
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
+if TYPE_CHECKING:
+    from robrain.client.team import Team
+
 IdArgument = Annotated[str, typer.Argument(metavar="ID", help="Name of the task.")]
 
 
@@ -138,7 +139,22 @@ OPTIONS = {one.field: one.option for one in TASK_OPTIONS} | SPELLED
 """Command-line form of each task field."""
 
 
+task_app = CommandApp(OPERATE, "task", "Submit tasks to a team; list, explain, change and cancel them.")
+
+
+def _with_task_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of a task behind its argument."""
+    connect, what, *rest = inspect.signature(command).parameters.values()
+    own = [one for one in rest if one.kind is not inspect.Parameter.VAR_KEYWORD]
+    parameters = [connect, what, *(one.parameter for one in TASK_OPTIONS), *own]
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # which typer reads
+    return command
+
+
+@task_app.team_command()
+@_with_task_options
 def add(
+    connect: ConnectTeam,
     what: Annotated[
         str, typer.Argument(metavar="KIND|FILE", help="visit, inspect, … (see `task kinds`); or a .toml or .json file.")
     ],
@@ -150,23 +166,20 @@ def add(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Submit nothing; print what would follow. Exit status 2 if refused.")
     ] = False,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
     **fields: Any,
 ) -> None:
     """Submit a task, or the tasks in a file; an impossible task is refused at once."""
     tasks = asked_tasks(what, parameters, **fields)
     if dry_run:
-        _dry_run(tasks, connect, team, as_json=as_json)
+        _dry_run(connect(), tasks, as_json=as_json)
         return
-    records, refused = [], []
-    with connect_team(connect, team) as client:
-        for kind, given in tasks:
-            try:
-                records.append(client.submit(kind, id=given.pop("id", None), parameters=given))
-            except CallError as error:
-                refused.append(str(error))
+    records, refused, team = [], [], connect()
+    for kind, given in tasks:
+        try:
+            records.append(team.submit(kind, id=given.pop("id", None), parameters=given))
+        except CallError as error:
+            refused.append(str(error))
     value = records if Path(what).suffix else records[0] if records else None
     print_either(value, map(line_of, records), as_json=as_json)
     for text in refused:
@@ -175,22 +188,9 @@ def add(
         raise typer.Exit(EXIT_REFUSED)
 
 
-def _with_task_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the options of a task behind its argument."""
-    first, *rest = inspect.signature(command, eval_str=True).parameters.values()
-    own = [one for one in rest if one.kind is not inspect.Parameter.VAR_KEYWORD]
-    parameters = [first, *(one.parameter for one in TASK_OPTIONS), *own]
-    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # which typer reads
-    return command
-
-
-_with_task_options(add)
-
-
-def _dry_run(tasks: list[TaskWords], connect: str | None, team: str, *, as_json: bool) -> None:
+def _dry_run(team: "Team", tasks: list[TaskWords], *, as_json: bool) -> None:
     """Print the expected effects of each task if it came now, without those before it in the file."""
-    with connect_team(connect, team) as client:
-        found = [client.dry_run(kind, id=given.pop("id", None), parameters=given) for kind, given in tasks]
+    found = [team.dry_run(kind, id=given.pop("id", None), parameters=given) for kind, given in tasks]
     for one in found:
         print_either(one, dry_run_lines(one), as_json=as_json)
     if any(one.refused for one in found):
@@ -227,18 +227,10 @@ def asked_tasks(what: str, parameters: list[str] | None = None, **fields: Any) -
 EXIT_NOT_DONE = 1
 """A watched task ended as failed or cancelled."""
 
-task_app = typer.Typer(
-    rich_help_panel=OPERATE,
-    name="task",
-    help="Submit tasks to a team; list, explain, change and cancel them.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-task_app.command()(add)
 
-
-@task_app.command("list")
+@task_app.team_command("list")
 def list_tasks(
+    connect: ConnectTeam,
     state: Annotated[list[str] | None, typer.Option(help="Only tasks in this state; may be repeated.")] = None,
     kind: Annotated[list[str] | None, typer.Option(help="Only tasks of this kind; may be repeated.")] = None,
     robot: Annotated[str, typer.Option(help="Only tasks of this robot.")] = "",
@@ -246,26 +238,22 @@ def list_tasks(
     only_open: Annotated[bool, typer.Option("--open", help="Only tasks that have not ended.")] = False,
     everything: Annotated[bool, typer.Option("--all", help="Also tasks that the coordinator made itself.")] = False,
     limit: Annotated[int, typer.Option(help="Maximum number of tasks; the last ones are listed.", min=1)] = 1000,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
     """List tasks with their states."""
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
-    with connect_team(connect, team) as client:
-        records = client.list(wanted)
+    records = connect().list(wanted)
     if as_json:
         print_json(records)
     else:
         show_table(records)
 
 
-@task_app.command()
-def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+@task_app.team_command()
+def kinds(connect: ConnectTeam) -> Shown:
     """List the kinds of task that the robots of the team do, with their parameters."""
-    with connect_team(connect, team) as client:
-        known = client.kinds()
+    known = connect().kinds()
     lines = [] if known else ["no robot has announced its kinds of task yet"]
     for one in known:
         lines.append(f"{one.kind}: {one.doc} ({', '.join(one.robots)})")
@@ -273,16 +261,13 @@ def kinds(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_jso
         for name, shape in one.parameters.get("properties", {}).items():
             meaning = shape.get("description", "") if isinstance(shape, dict) else ""
             lines.append(f"  {name}{'' if name in needed else ' (optional)'}{f': {meaning}' if meaning else ''}")
-    print_either(known, lines, as_json=as_json)
+    return known, lines
 
 
-@task_app.command()
-def show(
-    task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
-) -> None:
+@task_app.team_command()
+def show(connect: ConnectTeam, task_id: IdArgument) -> Shown:
     """Print one task with all its fields."""
-    with connect_team(connect, team) as client:
-        record = client.get(task_id)
+    record = connect().get(task_id)
     fields = {name: value for name, value in msgspec.to_builtins(record.task).items() if name != "id"}
     fields |= {f"result {name}": msgspec.json.encode(value).decode() for name, value in record.result.items()}
     texts = {
@@ -290,7 +275,7 @@ def show(
     }
     lines = [line_of(record)] + ([] if record.estimate is None else [f"  {estimate_text(record.estimate)}"])
     lines += [f"  {name}: {text}" for name, text in texts.items()]
-    print_either(record, lines, as_json=as_json)
+    return record, lines
 
 
 IdsArgument = Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Tasks, or give a filter.")]
@@ -302,8 +287,9 @@ ByFilter = Annotated[str, typer.Option("--by", help="Tasks submitted by this nam
 PrefixFilter = Annotated[str, typer.Option("--prefix", help="Tasks whose ids begin so.")]
 
 
-@task_app.command()
+@task_app.team_command()
 def change(
+    connect: ConnectTeam,
     task_ids: IdsArgument = None,
     state: StateFilter = None,
     kind: KindFilter = None,
@@ -317,10 +303,7 @@ def change(
     not_robot: Annotated[str, typer.Option(help="A robot that must not do them from now on.")] = "",
     paused: Annotated[bool | None, typer.Option("--pause/--resume", help="Paused tasks are not offered.")] = None,
     reason: ReasonOption = "",
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
-) -> None:
+) -> Shown:
     """Change, pause or resume open tasks; a robot gives back a task that it must not do as it was."""
     changes = ChangeFields(
         priority=priority, deadline_s=deadline, earliest_s=earliest, robot=robot, excluded=not_robot, paused=paused
@@ -329,13 +312,13 @@ def change(
         raise UsageError("expected a change, such as --priority 3 or --pause")
     changes["why"] = reason
     tasks = _selection(task_ids, state, kind, of_robot, by, prefix)
-    with connect_team(connect, team) as client:
-        records = client.change(tasks, **changes)
-    print_either(records, map(line_of, records), as_json=as_json)
+    records = connect().change(tasks, **changes)
+    return records, map(line_of, records)
 
 
-@task_app.command()
+@task_app.team_command()
 def cancel(
+    connect: ConnectTeam,
     task_ids: IdsArgument = None,
     state: StateFilter = None,
     kind: KindFilter = None,
@@ -343,91 +326,78 @@ def cancel(
     by: ByFilter = "",
     prefix: PrefixFilter = "",
     reason: ReasonOption = "",
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
-) -> None:
+) -> Shown:
     """Cancel tasks; the robots that work on them stop."""
     tasks = _selection(task_ids, state, kind, of_robot, by, prefix)
-    with connect_team(connect, team) as client:
-        if isinstance(tasks, TaskFilter):
-            records = client.cancel_all(tasks, reason)
-        else:
-            records = [client.cancel(task_id, reason) for task_id in tasks]
-    print_either(records[0] if task_ids and len(records) == 1 else records, map(line_of, records), as_json=as_json)
+    team = connect()
+    if isinstance(tasks, TaskFilter):
+        records = team.cancel_all(tasks, reason)
+    else:
+        records = [team.cancel(task_id, reason) for task_id in tasks]
+    return records[0] if task_ids and len(records) == 1 else records, map(line_of, records)
 
 
-@task_app.command()
+@task_app.team_command()
 def watch(
+    connect: ConnectTeam,
     task_ids: Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Default: all open tasks.")] = None,
     timeout: Annotated[float | None, typer.Option(help="Stop waiting after this many seconds.", min=0.0)] = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
     as_json: JsonOption = False,
 ) -> None:
     """Print each change of tasks until they end; exit status 1 if one of them was not done."""
-    not_done = 0
-    with connect_team(connect, team) as client:
-        wanted = list(task_ids or [])
-        if not wanted:
-            wanted = [record.task.id for record in client.list(TaskFilter(states=_open_states()))]
-        if not wanted:
-            return
-        try:
-            for event in client.events(wanted, timeout_s=timeout):
-                print_either(event, [line_of(event)], as_json=as_json)
-                not_done += event.state.ended and event.state is not TaskState.DONE
-        except TimeoutError as error:
-            raise UsageError(str(error)) from error
+    not_done, team = 0, connect()
+    wanted = task_ids or [record.task.id for record in team.list(TaskFilter(states=_open_states()))]
+    if not wanted:
+        return
+    try:
+        for event in team.events(wanted, timeout_s=timeout):
+            print_either(event, [line_of(event)], as_json=as_json)
+            not_done += event.state.ended and event.state is not TaskState.DONE
+    except TimeoutError as error:
+        raise UsageError(str(error)) from error
     if not_done:
         raise typer.Exit(EXIT_NOT_DONE)
 
 
-@task_app.command("why")
-def explain(
-    task_id: IdArgument, connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False
-) -> None:
+@task_app.team_command("why")
+def explain(connect: ConnectTeam, task_id: IdArgument) -> Shown:
     """Explain the state of a task: its conditions, its cost for each robot, and its history so far."""
-    with connect_team(connect, team) as client:
-        found = client.why(task_id)
+    found = connect().why(task_id)
     first_ns = found.changes[0].stamp_ns if found.changes else 0
     lines = [f"{task_id}: {found.now}"]
     lines += [] if found.record.estimate is None else [f"  {estimate_text(found.record.estimate)}"]
     lines += map(remedy_text, found.remedies[:REMEDIES])
     lines += map(verdict_line, found.robots)
     lines += [f"  +{(change.stamp_ns - first_ns) / 1e9:.1f} s {text_of(change)}" for change in found.changes]
-    print_either(found, lines, as_json=as_json)
+    return found, lines
 
 
-@task_app.command()
+@task_app.team_command()
 def objective(
+    connect: ConnectTeam,
     chosen: Annotated[
         Objective | None,
         typer.Argument(metavar="[energy|makespan|lifetime]", help="New objective; without it, print the current one."),
     ] = None,
-    connect: ConnectOption = None,
-    team: TeamOption = DEFAULT_TEAM,
-    as_json: JsonOption = False,
-) -> None:
+) -> Shown:
     """Print or change the planning objective of the team."""
-    with connect_team(connect, team) as client:
-        found = client.planning() if chosen is None else client.set_objective(chosen)
+    team = connect()
+    found = team.planning() if chosen is None else team.set_objective(chosen)
     text = f"{found.objective}, by {found.method}: {found.planned} planned, {found.skipped} left out"
-    print_either(found, [text], as_json=as_json)
+    return found, [text]
 
 
-@task_app.command()
-def charges(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_json: JsonOption = False) -> None:
+@task_app.team_command()
+def charges(connect: ConnectTeam) -> Shown:
     """Print the schedule of the chargers: which robots charge where and until when, and which wait."""
-    with connect_team(connect, team) as client:
-        charges = client.planning().charges
+    charges = connect().planning().charges
     lines = [] if charges else ["no robot charges or is to charge"]
     for one in charges:
         at = f"({one.charger.x_m:.1f}, {one.charger.y_m:.1f})"
         words = "charges" if one.is_there else "goes to charge" if one.has_set_out else "is to charge"
         behind = f": {one.why}" if one.why else ""
         lines.append(f"{one.robot}: {words} at {at}, {one.soc:.0%} to {one.to_soc:.0%}{behind}")
-    print_either(charges, lines, as_json=as_json)
+    return charges, lines
 
 
 def _selection(

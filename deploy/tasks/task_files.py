@@ -33,8 +33,6 @@ def tasks_in(path: Path) -> list[TaskWords]:
     try:
         text = read_toml_text(path, LARGE)
         content = json.loads(text) if path.suffix == ".json" else parse_toml(text, LARGE)
-    except FileNotFoundError as error:
-        raise UsageError(f"{path}: cannot be read: no such file") from error
     except BadToml as error:
         raise UsageError(f"{path}: {error}") from error
     except (ValueError, RecursionError) as error:

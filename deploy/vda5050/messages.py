@@ -1,20 +1,21 @@
 """Messages of VDA 5050 in the versions 2.1.0 and 3.0.0, as structs with ranges.
 
-A field that only one of the versions has, or that has another name there, is absent in messages of the other version.
+Messages that robrain writes have the names of version 3, and are renamed by `NAMES_2` for version 2. Of those that
+it reads, a field that only one of the versions has is absent in messages of the other.
 The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or writes; others are ignored.
 """
 
 import datetime
-from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import RobrainError
-from robrain.protocol.model.geometry import Pose2D, wrap_angle_rad
+from robrain.protocol.messages.robots.robot_messages import BatteryState
+from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Radians, Speed
 
 NODES_MAX = 1000
@@ -26,7 +27,18 @@ Prose = Annotated[str, Meta(max_length=4096)]
 Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
-B = TypeVar("B", bound="VdaStruct")
+NAMES_2 = {
+    "mobileRobotPosition": "agvPosition", "localized": "positionInitialized", "powerSupply": "batteryState",
+    "stateOfCharge": "batteryCharge", "activeEmergencyStop": "eStop", "mobileRobotKinematics": "agvKinematic",
+    "mobileRobotClass": "agvClass", "maximumLoadMass": "maxLoadMass", "minimumSpeed": "speedMin",
+    "maximumSpeed": "speedMax", "maximumAcceleration": "accelerationMax", "maximumDeceleration": "decelerationMax",
+    "minimumHeight": "heightMin", "maximumHeight": "heightMax", "maximumStringLengths": "maxStringLens",
+    "maximumIdLength": "idLen", "maximumArrayLengths": "maxArrayLens", "minimumOrderInterval": "minOrderInterval",
+    "minimumStateInterval": "minStateInterval", "mobileRobotActions": "agvActions",
+    "mobileRobotGeometry": "agvGeometry", "instantActionStates": "", "plannedPath": "", "intermediatePath": "",
+    "referenceStateHeaderId": "", "blockingTypes": "", "pauseAllowed": "", "cancelAllowed": "",
+}  # fmt: skip
+"""Names of fields in version 2, by those in version 3; empty where version 2 has no such field."""
 
 
 class BadVehicleMessage(RobrainError):
@@ -39,10 +51,16 @@ class Version(StrEnum):
     V2_1 = "2.1.0"
     V3_0 = "3.0.0"
 
-    @property
-    def interface(self) -> str:
-        """First levels of the suggested topics."""
-        return "uagv/v2" if self is Version.V2_1 else "vda5050/v3"
+
+class VdaStruct(msgspec.Struct, rename="camel"):
+    """A message without its header, or a part of one."""
+
+
+class Waypoint(VdaStruct):
+    """A point in the map's frame, metres."""
+
+    x: Metres
+    y: Metres
 
 
 class Vehicle(NamedTuple):
@@ -67,12 +85,22 @@ class Vehicle(NamedTuple):
         """A pose of the arena frame in the map's."""
         return self.T_arena_map.inverse().compose(Pose2D(x_m, y_m, yaw_rad))
 
+    def waypoint(self, x_m: float, y_m: float) -> Waypoint:
+        """A point of the arena frame in the map's."""
+        at = self.from_arena(x_m, y_m)
+        return Waypoint(at.x_m, at.y_m)
+
+    def place(self, at: Waypoint) -> Point2D:
+        """A point of the map in the arena frame."""
+        pose = self.to_arena(at.x, at.y)
+        return Point2D(pose.x_m, pose.y_m)
+
     def topic(self, name: str) -> str:
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
-        return f"{self.version.interface}/{self.manufacturer}/{self.serial}/{name}"
+        return f"{'uagv/v2' if self.is_old else 'vda5050/v3'}/{self.manufacturer}/{self.serial}/{name}"
 
-    def payload(self, body: Mapping[str, Any], header_id: int, now_ns: int) -> bytes:
-        """A message with the protocol header."""
+    def payload(self, body: Any, header_id: int, now_ns: int) -> bytes:
+        """A message with the protocol header; its body is a struct or a mapping, with the names of version 3."""
         header = {
             "headerId": header_id % 2**32,
             "timestamp": timestamp(now_ns),
@@ -80,36 +108,37 @@ class Vehicle(NamedTuple):
             "manufacturer": self.manufacturer,
             "serialNumber": self.serial,
         }
-        return msgspec.json.encode({**header, **body})
+        content = msgspec.to_builtins(body)
+        return msgspec.json.encode({**header, **(_names_2(content) if self.is_old else content)})
+
+
+def _names_2(content: Any) -> Any:
+    match content:
+        case dict():
+            return {name: _names_2(one) for key, one in content.items() if (name := NAMES_2.get(key, key))}
+        case list():
+            return [_names_2(one) for one in content]
+    return content
+
+
+class SendTimes:
+    """When messages were last sent, by name."""
+
+    def __init__(self) -> None:
+        self._sent_ns: dict[str, int] = {}
+
+    def is_due(self, name: str, period_ns: int, now_ns: int) -> bool:
+        """Whether one was last sent at least a period ago; if so, the next one counts as sent now."""
+        is_due = now_ns - self._sent_ns.get(name, -period_ns) >= period_ns
+        if is_due:
+            self._sent_ns[name] = now_ns
+        return is_due
 
 
 def timestamp(now_ns: int) -> str:
     """A stamp of the live clock in the form of the standard."""
     stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)
     return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-class VdaStruct(msgspec.Struct, rename="camel"):
-    """A message without its header, or a part of one."""
-
-
-class Header(VdaStruct):
-    """The protocol header."""
-
-    header_id: Number
-    timestamp: Annotated[str, Meta(max_length=64)]
-    version: Id
-    manufacturer: Id
-    serial_number: Id
-
-
-def read(topic: str, payload: bytes, kind: type[B]) -> B:
-    """Decode and check a message (BadVehicleMessage)."""
-    try:
-        msgspec.json.decode(payload, type=Header)
-        return msgspec.json.decode(payload, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadVehicleMessage(f"{topic}: {error}") from error
 
 
 # -- orders and actions -----------------------------------------------------------------------------------------------
@@ -149,11 +178,9 @@ Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
 """Allowed distance from a node, metres; in version 3 an ellipse with half axes `a` and `b`."""
 
 
-class NodePosition(VdaStruct):
-    """Place of a node, in the map's frame: metres and radians."""
+class NodePosition(Waypoint):
+    """Place of a node; its heading in radians."""
 
-    x: Metres
-    y: Metres
     map_id: Id
     theta: Radians | UnsetType = UNSET
     allowed_deviation: Deviation | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
@@ -182,6 +209,8 @@ class OrderEdge(VdaStruct):
     sequence_id: Number
     released: bool
     actions: Actions
+    start_node_id: Id
+    end_node_id: Id
 
 
 class VehicleOrder(VdaStruct):
@@ -248,14 +277,11 @@ class NodeState(VdaStruct):
 
     node_id: Id
     sequence_id: Number
-    node_position: NodePosition | UnsetType = UNSET
 
 
-class Position(VdaStruct):
-    """Position of a vehicle: metres and radians, map frame."""
+class Position(Waypoint):
+    """Position of a vehicle; its heading in radians."""
 
-    x: Metres
-    y: Metres
     theta: Radians
     map_id: Id
     position_initialized: bool | UnsetType = UNSET
@@ -278,13 +304,6 @@ class VehiclePower(VdaStruct):
     state_of_charge: Percent | UnsetType = UNSET
     battery_voltage: Amount | UnsetType = UNSET
     battery_current: Amount | UnsetType = UNSET
-
-
-class Waypoint(VdaStruct):
-    """A point of the path that a vehicle follows next."""
-
-    x: Metres
-    y: Metres
 
 
 class Polyline(VdaStruct):
@@ -314,7 +333,6 @@ class State(VdaStruct):
     action_states: Annotated[list[ActionState], Meta(max_length=10_000)]
     errors: Annotated[list[VehicleError], Meta(max_length=256)]
     paused: bool | UnsetType = UNSET
-    instant_action_states: Annotated[list[ActionState], Meta(max_length=10_000)] | UnsetType = UNSET
     velocity: Velocity | UnsetType = UNSET
     agv_position: Position | UnsetType = UNSET
     mobile_robot_position: Position | UnsetType = UNSET
@@ -330,6 +348,15 @@ class State(VdaStruct):
         return found if found and (found.localized or found.position_initialized) else None
 
     @property
+    def battery(self) -> BatteryState | None:
+        """Its battery; None if it reports none."""
+        power = self.power_supply or self.battery_state
+        return None if not power else BatteryState(
+            voltage_v=power.battery_voltage or 0.0, current_a=-(power.battery_current or 0.0), temperature_c=0.0,
+            soc=(power.state_of_charge or power.battery_charge or 0.0) / 100.0, remaining_j=0.0,
+            charging=power.charging)  # fmt: skip
+
+    @property
     def is_idle(self) -> bool:
         """Whether it does no order, also none whose actions still run."""
         return not (self.node_states or self.edge_states) and all(
@@ -341,3 +368,20 @@ class VehicleConnection(VdaStruct):
     """A vehicle's connection to the broker."""
 
     connection_state: ConnectionState
+
+
+TOPICS: dict[str, type[VdaStruct]] = {
+    "order": VehicleOrder,
+    "instantActions": InstantActions,
+    "state": State,
+    "connection": VehicleConnection,
+}
+"""Messages that robrain reads, by the last level of their topics."""
+
+
+def read(topic: str, payload: bytes) -> VdaStruct:
+    """Decode and check a message (BadVehicleMessage)."""
+    try:
+        return msgspec.json.decode(payload, type=TOPICS[topic.rpartition("/")[2]])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadVehicleMessage(f"{topic}: {error}") from error

@@ -1,7 +1,10 @@
-"""A client of an MQTT broker that connects again by itself."""
+"""A vehicle's messages on an MQTT broker, by a client that connects again by itself."""
 
-from collections import deque
-from collections.abc import Sequence
+import ssl
+import sys
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from paho.mqtt.client import Client, MQTTMessage
@@ -9,8 +12,11 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
+from robrain.deploy.command_line.output import print_message
 from robrain.deploy.errors import UsageError
-from robrain.protocol.refusals import RefusalCode, Refusals
+from robrain.deploy.vda5050.messages import BadVehicleMessage, VdaStruct, Vehicle, read
+from robrain.protocol.refusals import RefusalCode
+from robrain.protocol.wire.endpoint import Endpoint
 
 INBOX_CAPACITY = 1024
 MESSAGE_MAX_BYTES = 1_048_576
@@ -19,69 +25,87 @@ RECONNECT_S = 1
 
 
 class Broker(NamedTuple):
-    """Address of a broker."""
+    """Address of a broker, and how to log in."""
 
     host: str
     port: int
+    user: str = ""
+    password: str = ""
+    tls: ssl.SSLContext | None = None
+    """None for a connection that is not encrypted."""
 
     @classmethod
-    def read(cls, text: str) -> "Broker":
-        """Read `HOST:PORT`; the port may be absent (UsageError)."""
+    def read(cls, text: str, login: Path | None = None, ca: Path | None = None) -> "Broker":
+        """Read the options of a broker (UsageError).
+
+        Args:
+            text: `HOST:PORT`; the port may be absent.
+            login: file with `USER:PASSWORD`.
+            ca: file with the certificates of authorities; None for no TLS.
+
+        """
         host, _, port = (text if ":" in text else f"{text}:1883").rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 65536:
             raise UsageError(f"--broker {text}: expected HOST:PORT, such as 10.0.0.5:1883")
-        return cls(host, int(port))
+        try:
+            user, _, password = ("" if login is None else login.read_text()).strip().partition(":")
+            tls = None if ca is None else ssl.create_default_context(cafile=ca)
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"--login {login} or --ca {ca} cannot be read: {error}") from error
+        if login is not None and not (user and password):
+            raise UsageError(f"--login {login}: expected USER:PASSWORD in this file")
+        return cls(host, int(port), user, password, tls)
 
 
-class Packet(NamedTuple):
-    """A message on MQTT."""
-
-    topic: str
-    payload: bytes
-    qos: int = 0
-    is_retained: bool = False
+Arrival = tuple[VdaStruct | BadVehicleMessage, bytes]
+"""A message, and its payload."""
 
 
 class MqttLink:
     """One connection to a broker. Its thread only fills a bounded inbox.
 
     Args:
+        vehicle: whose messages it exchanges.
         broker: where to connect; it may come later.
         client_id: the broker disconnects an earlier client of the same id.
-        topics: to subscribe, each time that it connects.
-        refusals: counts messages that are too large, and those that have no room in the inbox.
-        will: published by the broker when the connection breaks.
-        will_delay_s: time in which a new connection of the same client prevents the will (MQTT 5); None for no delay.
+        topics: last levels of the topics of messages to receive.
+        wire: its clock stamps messages, and it counts those that cannot be read or have no room in the inbox.
+        will: name and body of the message that the broker publishes when the connection breaks.
+        will_delay_s: time in which a new connection of the same client prevents the will.
 
     """
 
     def __init__(
         self,
+        vehicle: Vehicle,
         broker: Broker,
         client_id: str,
         topics: Sequence[str],
-        refusals: Refusals,
-        will: Packet,
-        will_delay_s: int | None = None,
+        wire: Endpoint,
+        will: tuple[str, Any],
+        will_delay_s: int = 0,
     ) -> None:
         self.connections = 0
         """Number of times that it has connected."""
-        self._refusals = refusals
-        self._inbox: deque[Packet] = deque(maxlen=INBOX_CAPACITY)
-        self._topics = [(topic, 1) for topic in topics]
-        version = MQTTProtocolVersion.MQTTv311 if will_delay_s is None else MQTTProtocolVersion.MQTTv5
-        self._client = Client(CallbackAPIVersion.VERSION2, client_id, protocol=version)
+        self.sent: Counter[str] = Counter()
+        """Number of messages by name, which is the header id of the next one."""
+        self._vehicle, self._topics, self._clock, self._refusals = vehicle, topics, wire.clock, wire.refusals
+        self._inbox: deque[tuple[str, bytes]] = deque(maxlen=INBOX_CAPACITY)
+        self._failure = ""
+        self._client = Client(CallbackAPIVersion.VERSION2, client_id, protocol=MQTTProtocolVersion.MQTTv5)
         self._client.on_connect, self._client.on_message = self._on_connect, self._on_message
+        self._client.on_connect_fail = lambda *_: self._report(str(sys.exception()))
         self._client.reconnect_delay_set(RECONNECT_S, RECONNECT_S)
-        options: dict[str, Any] = {}
-        will_options: dict[str, Any] = {}
-        if will_delay_s is not None:  # the broker forgets a session together with its will
-            session, delay = Properties(PacketTypes.CONNECT), Properties(PacketTypes.WILLMESSAGE)
-            session.SessionExpiryInterval = will_delay_s + 1
-            delay.WillDelayInterval = will_delay_s
-            options, will_options = {"clean_start": False, "properties": session}, {"properties": delay}
-        self._client.will_set(will.topic, will.payload, will.qos, will.is_retained, **will_options)
-        self._client.connect_async(*broker, keepalive=KEEPALIVE_S, **options)
+        if broker.user:
+            self._client.username_pw_set(broker.user, broker.password)
+        if broker.tls is not None:
+            self._client.tls_set_context(broker.tls)
+        session, delay = Properties(PacketTypes.CONNECT), Properties(PacketTypes.WILLMESSAGE)
+        session.SessionExpiryInterval = will_delay_s + 1  # the broker forgets a session together with its will
+        delay.WillDelayInterval = will_delay_s
+        self._client.will_set(*self._message(*will), properties=delay)
+        options: dict[str, Any] = {"keepalive": KEEPALIVE_S, "clean_start": False, "properties": session}
+        self._client.connect_async(broker.host, broker.port, **options)
         self._client.loop_start()
 
     @property
@@ -89,24 +113,44 @@ class MqttLink:
         """Whether the broker answers."""
         return self._client.is_connected()
 
-    def publish(self, topic: str, payload: bytes, qos: int = 0, *, is_retained: bool = False) -> bool:
-        """Send a message; False if there is no connection."""
-        return self.is_connected and self._client.publish(topic, payload, qos, is_retained).rc == 0
+    def publish(self, name: str, body: Any) -> None:
+        """Send a message without its header; it is lost if there is no connection."""
+        if self.is_connected:
+            self._client.publish(*self._message(name, body))
 
-    def drain(self) -> list[Packet]:
+    def receive(self) -> Iterator[Arrival]:
         """Messages that have arrived since the last call."""
-        return [self._inbox.popleft() for _ in range(len(self._inbox))]
+        for _ in range(len(self._inbox)):
+            topic, payload = self._inbox.popleft()
+            try:
+                yield read(topic, payload), payload
+            except BadVehicleMessage as error:
+                self._refusals.record("vda5050", topic, RefusalCode.MALFORMED, str(error))
+                yield error, payload
 
     def close(self) -> None:
         """Disconnect, without the will, and end the thread."""
         self._client.disconnect()
         self._client.loop_stop()
 
+    def _message(self, name: str, body: Any) -> tuple[str, bytes, int, bool]:
+        payload = self._vehicle.payload(body, self.sent[name], self._clock.now_ns())
+        self.sent[name] += 1
+        is_retained = name == "connection"
+        return self._vehicle.topic(name), payload, int(is_retained), is_retained
+
     def _on_connect(self, client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if reason.is_failure:
+            self._report(str(reason))
             return
-        client.subscribe(self._topics)
+        client.subscribe([(self._vehicle.topic(name), 1) for name in self._topics])
         self.connections += 1
+        self._failure = ""
+
+    def _report(self, failure: str) -> None:
+        if failure != self._failure:
+            print_message(f"no connection to the broker: {failure}; trying again")
+        self._failure = failure
 
     def _on_message(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         if len(message.payload) > MESSAGE_MAX_BYTES:
@@ -114,5 +158,5 @@ class MqttLink:
             self._refusals.record("vda5050", message.topic, RefusalCode.TOO_LARGE, text)
             return
         if len(self._inbox) == INBOX_CAPACITY:
-            self._refusals.record("vda5050", self._inbox[0].topic, RefusalCode.LOST, "the inbox is full")
-        self._inbox.append(Packet(message.topic, bytes(message.payload), message.qos, message.retain))
+            self._refusals.record("vda5050", self._inbox[0][0], RefusalCode.LOST, "the inbox is full")
+        self._inbox.append((message.topic, bytes(message.payload)))

@@ -6,15 +6,17 @@ after a restart, and the coordinator's journal has their states.
 
 import hashlib
 import re
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from itertools import zip_longest
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from robrain.deploy.vda5050 import messages as vda
 from robrain.protocol.messages.robots.robot_messages import RobotState
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.geometry import Pose2D
+from robrain.protocol.model.tasks.stock_kinds import VISIT
+from robrain.protocol.model.tasks.task import Task, TaskState
 
 ERROR_TYPES_2 = {
     "VALIDATION_FAILURE": "validationError",
@@ -28,14 +30,19 @@ ERROR_TYPES_2 = {
 }
 """Error types of version 2, by those of version 3; all others are `orderError`."""
 ERROR_TYPES_3 = {"NO_CONTINUATION": "VALIDATION_FAILURE"}
-CRITICAL = ("UNSUPPORTED_PARAMETER", "NODE_UNREACHABLE")
-UNUSED_OF_EDGES = (
+LEVELS: dict[str, tuple[vda.ErrorLevel, vda.ErrorLevel]] = {
+    "UNSUPPORTED_PARAMETER": ("WARNING", "CRITICAL"),
+    "NODE_UNREACHABLE": ("FATAL", "CRITICAL"),
+}
+"""Levels of errors in version 2 and in version 3; all others are warnings."""
+UNUSED_OF_EDGES = {
     "trajectory", "corridor", "maxSpeed", "maximumSpeed", "maxHeight", "maximumMobileRobotHeight", "minHeight",
     "minimumLoadHandlingDeviceHeight", "orientation", "direction", "maxRotationSpeed",
-)  # fmt: skip
+}  # fmt: skip
 """Optional fields of an edge that bind a vehicle, and that robots cannot obey."""
 WAIT = "wait"
 """The action of a node that robots do: they stay for its parameter `duration`, seconds."""
+WaitTime = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 NEAR_M = 0.5
 """A robot stands on a node within this distance, if the node does not allow more."""
 INSTANT_MAX = 32
@@ -49,21 +56,23 @@ class KeptOrder(vda.VdaStruct):
     order_update_id: int = 0
     nodes: list[vda.OrderNode] = msgspec.field(default_factory=list)
     edges: list[vda.OrderEdge] = msgspec.field(default_factory=list)
-    digest: str = ""
-    """Of the last update, which may arrive again."""
     cancelled_by: list[str] = msgspec.field(default_factory=list)
     """Ids of the actions that cancelled it."""
 
 
-class NodeTask(NamedTuple):
+class NodeTask(msgspec.Struct):
     """The task of a node."""
 
-    id: str
     node: vda.OrderNode
-    place: Point2D
-    service_s: float
-    after: str
-    """Id of the task of the node before; empty for the first."""
+    task: Task
+    state: TaskState | None = None
+    """None until the coordinator has replied."""
+    why: str = ""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether its state stays."""
+        return self.state is not None and self.state.ended
 
 
 class _Refused(Exception):
@@ -91,9 +100,9 @@ class RobotOrders:
         self.kept = kept
         self.instant: dict[str, vda.ActionState] = {}
         """Instant actions, the latest last."""
+        self.tasks: dict[str, NodeTask] = {}
+        """The tasks of the released nodes, in turn, by id."""
         self._vehicle = vehicle
-        self._states: dict[str, TaskState] = {}
-        self._why: dict[str, str] = {}
         self._rejections: list[vda.VehicleError] = []
         self._update_tasks()
 
@@ -108,49 +117,49 @@ class RobotOrders:
             state: of the robot; None if it is unknown.
 
         """
-        content = msgspec.json.encode([order.nodes, order.edges])
-        digest = hashlib.sha256(content).hexdigest()
         kept = self.kept
         is_update = order.order_id == kept.order_id and bool(kept.nodes)
-        if is_update and (order.order_update_id, digest) == (kept.order_update_id, kept.digest):
-            return False
+        last = (kept.order_update_id, kept.nodes[-len(order.nodes) :])
+        if is_update and (order.order_update_id, order.nodes) == last:
+            return False  # it has come twice
         try:
             self._check_form(order, payload)
-            base = self._continued(order) if is_update else self._begun(order, state)
+            if not is_update:
+                self._check_start(order, state)
+            nodes, edges = self._base(order) if is_update else ([], [])
         except _Refused as error:
             if error.kind != "SAME_ORDER_UPDATE_ID" or not self._vehicle.is_old:
-                references = {"orderId": order.order_id, "orderUpdateId": str(order.order_update_id)}
-                self._reject(error.kind, str(error), references)
+                update = str(order.order_update_id)
+                self.reject(error.kind, str(error), orderId=order.order_id, orderUpdateId=update)
             return False
-        nodes, edges = [*base[0], *order.nodes], [*base[1], *order.edges]
-        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges, digest)
+        nodes, edges = [*nodes, *order.nodes], [*edges, *order.edges]
+        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges)
         self._rejections.clear()
         if not is_update:
-            self._states.clear()
-            self._why.clear()
             self.instant = {key: one for key, one in self.instant.items() if one.action_status not in vda.ENDED}
         self._update_tasks()
         return True
 
-    def reject_payload(self, text: str) -> None:
-        """Report a message that cannot be read."""
-        self._reject("VALIDATION_FAILURE", text, {})
+    def reject(self, kind: str, text: str, **references: str) -> None:
+        """Report a message that is rejected; `kind` is an error type of version 3."""
+        self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
 
     def cancel(self, action: vda.OrderAction) -> bool:
         """Cancel the order; whether the kept order has changed."""
         wanted = action.parameter("orderId")
         if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
-            self._reject("NO_ORDER_TO_CANCEL", "there is no such order", {"actionId": action.action_id})
+            self.reject("NO_ORDER_TO_CANCEL", "there is no such order", actionId=action.action_id)
             self.set_instant(action, "FAILED")
             return False
         self.kept.cancelled_by = [action.action_id]
         self.set_instant(action, "RUNNING")
+        for one in self.tasks.values():
+            one.state = one.state if one.has_ended else None
         return True
 
     def refuse_action(self, action: vda.OrderAction) -> None:
         """Report an instant action that robots cannot do."""
-        text = f"no robot can {action.action_type}"
-        self._reject("INVALID_INSTANT_ACTION", text, {"actionId": action.action_id})
+        self.reject("INVALID_INSTANT_ACTION", f"no robot can {action.action_type}", actionId=action.action_id)
         self.set_instant(action, "FAILED")
 
     def set_instant(self, action: vda.OrderAction, status: vda.ActionStatus) -> None:
@@ -159,30 +168,19 @@ class RobotOrders:
         if len(self.instant) > INSTANT_MAX:
             del self.instant[next(iter(self.instant))]
 
-    def _reject(self, kind: str, text: str, references: dict[str, str]) -> None:
-        self._rejections = [*self._rejections[-7:], self._error(kind, text, references)]
-
     def _error(self, kind: str, text: str, references: dict[str, str]) -> vda.VehicleError:
         is_old = self._vehicle.is_old
-        level: vda.ErrorLevel = "WARNING"
-        if kind in CRITICAL:
-            level = "CRITICAL"
-            if is_old:
-                level = "FATAL" if kind == "NODE_UNREACHABLE" else "WARNING"
+        level_2, level_3 = LEVELS.get(kind, ("WARNING", "WARNING"))
         name = ERROR_TYPES_2.get(kind, "orderError") if is_old else ERROR_TYPES_3.get(kind, kind)
         found = [vda.Reference(key, value) for key, value in references.items()]
-        return vda.VehicleError(name, level, text[:4096], found)
+        return vda.VehicleError(name, level_2 if is_old else level_3, text[:4096], found)
 
     def _check_form(self, order: vda.VehicleOrder, payload: bytes) -> None:
         nodes, edges = order.nodes, order.edges
-        if len(edges) != len(nodes) - 1:
-            raise _Refused("VALIDATION_FAILURE", f"expected {len(nodes) - 1} edges, got {len(edges)}")
-        parts: list[vda.OrderNode | vda.OrderEdge] = [nodes[0]]
-        for edge, node in zip(edges, nodes[1:], strict=True):
-            parts += [edge, node]
-        first = nodes[0].sequence_id
-        if [part.sequence_id for part in parts] != list(range(first, first + len(parts))) or first % 2:
-            raise _Refused("VALIDATION_FAILURE", "expected sequence ids that count on")
+        parts = [part for pair in zip_longest(nodes, edges) for part in pair if part is not None]
+        numbers, first = [part.sequence_id for part in parts], nodes[0].sequence_id
+        if len(edges) != len(nodes) - 1 or first % 2 or numbers != list(range(first, first + len(parts))):
+            raise _Refused("VALIDATION_FAILURE", "expected nodes and edges in turn, with sequence ids that count on")
         released = [part.released for part in parts]
         if not released[0] or sorted(released, reverse=True) != released or sum(released) % 2 == 0:
             raise _Refused("VALIDATION_FAILURE", "expected released nodes and edges before all others")
@@ -194,15 +192,13 @@ class RobotOrders:
             if self._vehicle.map_id != node.node_position.map_id:
                 raise _Refused("UNKNOWN_MAP_ID", f"expected mapId {self._vehicle.map_id}")
         for fields in msgspec.json.decode(payload, type=EdgesAsSent).edges:
-            for name in UNUSED_OF_EDGES:
-                if name in fields:
-                    raise _Refused("UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed")
-        for part in parts:
-            for action in part.actions:
-                if isinstance(part, vda.OrderEdge) or _wait_s(action) is None:
-                    raise _Refused("INVALID_ORDER_ACTION", f"action {action.action_id}: {action.action_type}")
+            for name in UNUSED_OF_EDGES & fields.keys():
+                raise _Refused("UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed")
+        waits = [action for node in nodes for action in node.actions if _wait_s(action) is not None]
+        for action in (action for part in parts for action in part.actions if action not in waits):
+            raise _Refused("INVALID_ORDER_ACTION", f"action {action.action_id}: {action.action_type}")
 
-    def _continued(self, order: vda.VehicleOrder) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
+    def _base(self, order: vda.VehicleOrder) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
         """The base before the first node of an update."""
         kept = self.kept
         if order.order_update_id < kept.order_update_id:
@@ -219,10 +215,8 @@ class RobotOrders:
             raise _Refused("INSUFFICIENT_MEMORY", f"expected at most {vda.NODES_MAX} nodes in an order")
         return base[:-1], [edge for edge in kept.edges if edge.released]
 
-    def _begun(
-        self, order: vda.VehicleOrder, state: RobotState | None
-    ) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
-        """Nothing, for a new order that can begin."""
+    def _check_start(self, order: vda.VehicleOrder, state: RobotState | None) -> None:
+        """Check that a new order can begin."""
         if not self.is_idle:
             raise _Refused("OTHER_ORDER_ACTIVE", f"order {self.kept.order_id} is active")
         if order.order_update_id or order.nodes[0].sequence_id:
@@ -231,90 +225,66 @@ class RobotOrders:
             raise _Refused("MOBILE_ROBOT_NOT_AVAILABLE", "the robot does not know its position")
         at = order.nodes[0].node_position
         assert at
-        away_m = self._vehicle.to_arena(at.x, at.y).distance_m(state.pose)
+        away_m = state.pose.distance_m(self._vehicle.place(at))
         if away_m > max(at.deviation_m, NEAR_M):
             raise _Refused("START_NODE_OUT_OF_RANGE", f"the robot is {away_m:.2f} m away from the first node")
-        return [], []
 
     # -- the team's side ----------------------------------------------------------------------------------------------
 
-    def tasks(self) -> Iterator[NodeTask]:
-        """The tasks of the released nodes, in turn."""
-        yield from self._tasks.values()
-
-    def to_submit(self) -> Iterator[NodeTask]:
-        """Tasks whose state at the coordinator is not known."""
-        return (task for task in self.tasks() if task.id not in self._states)
-
-    def to_cancel(self) -> Iterator[NodeTask]:
-        """Tasks of a cancelled order that may not have ended."""
-        return (task for task in self.tasks() if not self._has_ended(task.id))
-
-    def open_task(self) -> NodeTask | None:
-        """The task of the next node; None if there is none."""
-        return next((task for task in self.tasks() if not self._has_ended(task.id)), None)
+    def to_ask(self, *, is_due: bool) -> list[NodeTask]:
+        """Tasks to submit, or to cancel if the order is cancelled: those without a reply; if `is_due`, the next one."""
+        opened = [one for one in self.tasks.values() if not one.has_ended]
+        return [one for one in opened if one.state is None or (is_due and one is opened[0])]
 
     def record(self, task_id: str, state: TaskState, why: str) -> None:
         """Record the state of a task; an end stays."""
-        if task_id in self._tasks and not self._has_ended(task_id):
-            self._states[task_id], self._why[task_id] = state, why
-
-    def finish_cancel(self) -> None:
-        """Report a cancellation as finished once all tasks have ended."""
-        for action_id in self.kept.cancelled_by:
-            if self.is_idle and self.instant.get(action_id, ACTION_BEFORE).action_status != "FINISHED":
-                self.instant[action_id] = vda.ActionState(action_id, "FINISHED", "cancelOrder")
-
-    def _has_ended(self, task_id: str) -> bool:
-        state = self._states.get(task_id)
-        return state is not None and state.ended
+        task = self.tasks.get(task_id)
+        if task is not None and not task.has_ended:
+            task.state, task.why = state, why
 
     def _update_tasks(self) -> None:
-        self._tasks: dict[str, NodeTask] = {}
-        digest = hashlib.sha256(f"{self._vehicle.serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
+        before, self.tasks = self.tasks, {}
+        serial = self._vehicle.serial
+        digest = hashlib.sha256(f"{serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
         name = f"{_NOT_A_NAME.sub('_', self.kept.order_id)[:32]}-{digest}"
-        before = ""
+        after: list[str] = []
         for node in self.kept.nodes:
             service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
             if not node.released or not node.node_position or (node.sequence_id == 0 and not service_s):
                 continue
-            pose = self._vehicle.to_arena(node.node_position.x, node.node_position.y)
-            task = NodeTask(f"{name}-{node.sequence_id}", node, Point2D(pose.x_m, pose.y_m), service_s, before)
-            self._tasks[task.id] = task
-            before = task.id
+            fields: dict[str, Any] = {"id": f"{name}-{node.sequence_id}", "needs": [serial], "after": after}
+            task = Task(kind=VISIT, place=self._vehicle.place(node.node_position), service_s=service_s, **fields)
+            self.tasks[task.id] = before.get(task.id) or NodeTask(node, task)
+            after = [task.id]
 
     # -- state --------------------------------------------------------------------------------------------------------
 
     @property
     def reached(self) -> vda.OrderNode | None:
         """The last node that the robot has reached; None before the first order."""
-        open_sequences = [
-            one.node.sequence_id for one in self.tasks() if self._states.get(one.id) is not TaskState.DONE
-        ]
-        first_open = min(open_sequences, default=2**32)
-        found = [node for node in self.kept.nodes if node.released and node.sequence_id < first_open]
-        return found[-1] if found else (self.kept.nodes[0] if self.kept.nodes else None)
+        opened = (one.node.sequence_id for one in self.tasks.values() if one.state is not TaskState.DONE)
+        first = min(opened, default=2**32)
+        found = [node for node in self.kept.nodes if node.released and node.sequence_id < first]
+        return next(reversed(found), None) or next(iter(self.kept.nodes), None)
 
     @property
-    def remaining(self) -> list[vda.OrderNode]:
-        """The nodes that are still to be reached; none of a cancelled order whose tasks have ended."""
-        if self.kept.cancelled_by and all(self._has_ended(task.id) for task in self.tasks()):
-            return []
+    def remaining(self) -> tuple[list[vda.OrderNode], list[vda.OrderEdge]]:
+        """The nodes and edges ahead; none of a cancelled order whose tasks have ended."""
         reached = self.reached
-        return [node for node in self.kept.nodes if reached is not None and node.sequence_id > reached.sequence_id]
+        if reached is None or self._is_cancelled:
+            return [], []
+        nodes = [node for node in self.kept.nodes if node.sequence_id > reached.sequence_id]
+        return nodes, [edge for edge in self.kept.edges if edge.sequence_id > reached.sequence_id]
 
     @property
     def is_idle(self) -> bool:
         """Whether a new order may begin."""
-        is_waiting = bool(self.kept.nodes) and self.open_task() is not None
-        return not self.remaining and not is_waiting
+        return not self.remaining[0] and all(one.has_ended for one in self.tasks.values())
 
     @property
-    def remaining_edges(self) -> list[vda.OrderEdge]:
-        """The edges that are still to be left."""
-        remaining = self.remaining
-        first = remaining[0].sequence_id - 1 if remaining else 2**32
-        return [edge for edge in self.kept.edges if edge.sequence_id >= first]
+    def _is_cancelled(self) -> bool:
+        """Whether the order was cancelled and its tasks have ended."""
+        return bool(self.kept.cancelled_by) and all(one.has_ended for one in self.tasks.values())
 
     def action_states(self, pose: Pose2D | None) -> list[vda.ActionState]:
         """States of the order's actions.
@@ -323,42 +293,42 @@ class RobotOrders:
             pose: of the robot, arena frame.
 
         """
-        tasks = {task.node.sequence_id: task for task in self.tasks()}
+        tasks = {one.node.sequence_id: one for one in self.tasks.values()}
         found = []
         for node in self.kept.nodes:
-            task = tasks.get(node.sequence_id)
-            state = None if task is None else self._states.get(task.id)
+            one = tasks.get(node.sequence_id)
             status: vda.ActionStatus = "WAITING"
-            if state is TaskState.DONE:
+            if one is not None and one.state is TaskState.DONE:
                 status = "FINISHED"
-            elif (state is not None and state.ended) or (self.kept.cancelled_by and not self.remaining):
+            elif self._is_cancelled or (one is not None and one.has_ended):
                 status = "FAILED"
-            elif state is TaskState.RUNNING and task and pose and pose.distance_m(task.place) < NEAR_M:
+            elif one and pose and one.state is TaskState.RUNNING and pose.distance_m(one.task.place) < NEAR_M:
                 status = "RUNNING"
             found += [vda.ActionState(action.action_id, status, action.action_type) for action in node.actions]
         return found
 
+    def instant_states(self) -> list[vda.ActionState]:
+        """States of instant actions; a cancellation is finished once all tasks have ended."""
+        if self._is_cancelled:
+            for action_id in self.kept.cancelled_by:
+                self.instant[action_id] = vda.ActionState(action_id, "FINISHED", "cancelOrder")
+        return list(self.instant.values())
+
     def errors(self) -> list[vda.VehicleError]:
-        """Rejections of messages, and nodes that were not reached."""
+        """Rejections of messages, and the node that was not reached."""
         found = list(self._rejections)
-        for task in self.tasks():
-            if not self.kept.cancelled_by and self._states.get(task.id) in (TaskState.FAILED, TaskState.CANCELLED):
-                text = f"{task.node.node_id}: {self._why.get(task.id, '')}"
-                found.append(self._error("NODE_UNREACHABLE", text, {"nodeId": task.node.node_id}))
-                break
+        for one in self.tasks.values():
+            if not self.kept.cancelled_by and one.state in (TaskState.FAILED, TaskState.CANCELLED):
+                text = f"{one.node.node_id}: {one.why}"
+                return [*found, self._error("NODE_UNREACHABLE", text, {"nodeId": one.node.node_id})]
         return found
-
-
-ACTION_BEFORE = vda.ActionState("", "WAITING")
 
 
 def _wait_s(action: vda.OrderAction) -> float | None:
     """Duration of a wait; None for an action that robots cannot do."""
-    duration = action.parameter("duration")
     if action.action_type != WAIT or action.blocking_type not in ("SOFT", "HARD"):
         return None
     try:
-        duration_s = float(duration)
-    except (TypeError, ValueError):
+        return msgspec.convert(action.parameter("duration"), WaitTime, strict=False)
+    except msgspec.ValidationError:
         return None
-    return duration_s if 0.0 <= duration_s <= 86_400.0 else None

@@ -6,18 +6,18 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import CONNECT
+from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption, point
 from robrain.deploy.errors import UsageError
 from robrain.deploy.vda5050.messages import Vehicle, Version
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 from robrain.protocol.model.geometry import Pose2D
 
-vda5050_app = typer.Typer(
-    name="vda5050", rich_help_panel=CONNECT, no_args_is_help=True, help="VDA 5050, both ways.", rich_markup_mode=None
-)
+vda5050_app = CommandApp(CONNECT, "vda5050", "VDA 5050, both ways.")
 
 BrokerOption = Annotated[str, typer.Option(help="MQTT broker, HOST:PORT.")]
+LoginOption = Annotated[Path | None, typer.Option(help="File with USER:PASSWORD for the broker.")]
+CaOption = Annotated[Path | None, typer.Option(help="PEM file of the broker's authorities; turns TLS on.")]
 VersionOption = Annotated[Version, typer.Option(help="Version of VDA 5050.")]
 MapOffsetOption = Annotated[str, typer.Option(help="Origin of the vehicles' map in the arena frame, X,Y in metres.")]
 MapYawOption = Annotated[float, typer.Option(help="Direction of that map's x axis in the arena frame, radians.")]
@@ -31,6 +31,8 @@ def vehicle(
     address: Annotated[str, typer.Argument(help="The vehicle, MANUFACTURER/SERIAL.")],
     name: Annotated[str, typer.Option(help="Name of the robot in the team.")],
     broker: BrokerOption,
+    login: LoginOption = None,
+    ca: CaOption = None,
     version: VersionOption = Version.V2_1,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
@@ -57,12 +59,14 @@ def vehicle(
 
     robot = VehicleRobot(name, found, radius, continues_for)
     team = check_name("team", team)
-    vehicle_command(found, name, Broker.read(broker), robot, connect, team)
+    vehicle_command(found, name, Broker.read(broker, login, ca), robot, connect, team)
 
 
 @vda5050_app.command()
 def fleet(
     broker: BrokerOption,
+    login: LoginOption = None,
+    ca: CaOption = None,
     version: VersionOption = Version.V2_1,
     connect: ConnectOption = None,
     team: TeamOption = DEFAULT_TEAM,
@@ -81,7 +85,7 @@ def fleet(
     from robrain.deploy.vda5050.mqtt_link import Broker
 
     folder = Path(f"{team}.vda5050") if orders is None else orders
-    fleet_command(connect, team, Broker.read(broker), shown, folder)
+    fleet_command(connect, team, Broker.read(broker, login, ca), shown, folder)
 
 
 def read_address(text: str, version: Version, map_id: str, map_offset: str, map_yaw_rad: float) -> Vehicle:

@@ -8,8 +8,8 @@ import msgspec
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
-from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, VehicleConnection, read
-from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink, Packet
+from robrain.deploy.vda5050.messages import State, Vehicle, VehicleConnection
+from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink
 from robrain.deploy.vda5050.vehicle_robot import KINDS, VEHICLE, VehicleRobot, instant_action
 from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
@@ -19,11 +19,11 @@ from robrain.protocol.messages.robots.host_messages import HaltAnswer
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PlannedPath
 from robrain.protocol.messages.tasks.offer_messages import ROBOT_OFFER, ROBOT_WITHDRAW
-from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, COORDINATOR_STATE, HALT
+from robrain.protocol.messages.team.team_messages import COORDINATOR_HALT, COORDINATOR_STATE, HALT, HaltStatus
 from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import STOCK_KINDS
-from robrain.protocol.refusals import RefusalCode, Refusals, most_refused
+from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.schema.struct_schema import parameters_schema
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 from robrain.protocol.wire.hub import team_endpoints
@@ -50,14 +50,11 @@ class VehicleLink:
     def __init__(self, vehicle: Vehicle, broker: Broker, client_id: str, robot: VehicleRobot, wire: Endpoint) -> None:
         self.is_online = False
         """Whether the vehicle is connected to the broker."""
-        self._vehicle, self._robot, self._clock, self._refusals = vehicle, robot, wire.clock, wire.refusals
-        now_ns = wire.clock.now_ns()
-        self._header_ids: dict[str, int] = {}
-        cancel = instant_action("cancelOrder", f"will-{now_ns}")
-        will = Packet(vehicle.topic("instantActions"), vehicle.payload(cancel, 0, now_ns))
+        self._robot, self._clock = robot, wire.clock
+        will = ("instantActions", instant_action("cancelOrder", f"will-{wire.clock.now_ns()}"))
         delay_s = max(0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S))
-        topics = [vehicle.topic(name) for name in ("connection", "state")]
-        self._mqtt = MqttLink(broker, client_id, topics, wire.refusals, will, delay_s)
+        self._mqtt = MqttLink(vehicle, broker, client_id, ("connection", "state"), wire, will, delay_s)
+        self.close = self._mqtt.close
 
     @property
     def is_present(self) -> bool:
@@ -67,24 +64,15 @@ class VehicleLink:
     def step(self) -> None:
         """Process what has arrived, and send what is due."""
         now_ns = self._clock.now_ns()
-        for packet in self._mqtt.drain():
-            try:
-                if packet.topic == self._vehicle.topic("connection"):
-                    connection = read(packet.topic, packet.payload, VehicleConnection)
-                    self.is_online = connection.connection_state == "ONLINE"
-                else:
-                    self._robot.handle_state(read(packet.topic, packet.payload, State), now_ns)
-            except BadVehicleMessage as error:
-                self._refusals.record("vda5050", packet.topic, RefusalCode.MALFORMED, str(error))
-        if not (self.is_online and self._mqtt.is_connected):
-            return
-        for name, body in self._robot.step(now_ns):
-            self._header_ids[name] = self._header_ids.get(name, -1) + 1
-            self._mqtt.publish(self._vehicle.topic(name), self._vehicle.payload(body, self._header_ids[name], now_ns))
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._mqtt.close()
+        for message, _ in self._mqtt.receive():
+            match message:
+                case VehicleConnection(connection_state=state):
+                    self.is_online = state == "ONLINE"
+                case State() as state:
+                    self._robot.handle_state(state, now_ns)
+        if self.is_online and self._mqtt.is_connected:
+            for name, body in self._robot.step(now_ns):
+                self._mqtt.publish(name, body)
 
 
 class VehicleMember:
@@ -117,9 +105,7 @@ class VehicleMember:
         for topic in (HALT, COORDINATOR_STATE, COORDINATOR_ZONES):
             wire.subscribe(self._inbox, topic)
         with suppress(NobodyThere, CallError):  # there is no coordinator
-            status = wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S)
-            if status is not None and status.halted:
-                self._latch(status.by, status.reason, status.stamp_ns)
+            self._latch(wire.ask(COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S))
         wire.token(robot_messages.ROBOT_ALIVE, robot=name)
 
     def step(self) -> None:
@@ -132,8 +118,7 @@ class VehicleMember:
             elif received.topic is COORDINATOR_ZONES:
                 self._robot.zones = message.zones
             else:
-                if message.halt is not None and message.halt.halted:
-                    self._latch(message.halt.by, message.halt.reason, message.halt.stamp_ns)
+                self._latch(message.halt)
                 for summary in message.robots:
                     if summary.name == self._name and summary.up:
                         self._robot.renew_lease(now_ns - to_ns(summary.age_s))
@@ -158,11 +143,11 @@ class VehicleMember:
             self._paths.put(PlannedPath(robot=self._name, points=path))
         self._path = path
 
-    def _latch(self, holders: list[str], reason: str, stamp_ns: int) -> None:
+    def _latch(self, status: HaltStatus | None) -> None:
         """Latch a halt that the coordinator reports, if it is newer than the last halt or resume received."""
-        if stamp_ns > self._robot.latch.stamp_ns:
-            for by in holders:
-                self._handle_halt(True, by, reason, stamp_ns)
+        if status is not None and status.halted and status.stamp_ns > self._robot.latch.stamp_ns:
+            for by in status.by:
+                self._handle_halt(True, by, status.reason, status.stamp_ns)
 
     def _handle_halt(self, halted: bool, by: str, reason: str, stamp_ns: int) -> None:
         self._robot.team_halt_ns = max(self._robot.team_halt_ns, stamp_ns)
@@ -195,12 +180,9 @@ class VehicleMember:
 
 def _plugins() -> list[PluginInfo]:
     """A behavior for each kind of task that a vehicle does."""
-    found = []
-    for kind in KINDS:
-        schema = parameters_schema(STOCK_KINDS[kind])
-        task_kind = TaskKind(kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=schema)
-        found.append(PluginInfo(name=kind, level="behavior", state="active", task_kind=task_kind))
-    return found
+    schemas = {kind: parameters_schema(STOCK_KINDS[kind]) for kind in KINDS}
+    kinds = [TaskKind(kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=schemas[kind]) for kind in KINDS]
+    return [PluginInfo(name=one.kind, level="behavior", state="active", task_kind=one) for one in kinds]
 
 
 def vehicle_command(

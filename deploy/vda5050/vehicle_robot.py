@@ -7,14 +7,15 @@ tells a restarted process what the vehicle does for the team.
 import hashlib
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any
 
 import msgspec
 
 from robrain.deploy.vda5050 import messages as vda
-from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle
+from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle, VehicleOrder
 from robrain.protocol.clock import to_ns
-from robrain.protocol.messages.robots.robot_messages import BatteryState, PluginFault, RobotState, TaskStatus
+from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.ranges import cut
@@ -37,32 +38,28 @@ START_DEVIATION_M = 0.5
 VEHICLE = "vehicle"
 """Holder of a halt that is the vehicle's own pause; operators end it, or the vehicle."""
 ORDER_ID = re.compile(r"robrain:([A-Za-z0-9_.\-]+):([0-9]+)")
+STAY = re.compile(r"[0-9]{1,15}")
 DRIVES = ("AUTOMATIC", "SEMIAUTOMATIC")
 STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
 
 
-Outgoing = tuple[str, dict[str, Any]]
+UNKNOWN = State("", 0, "", 0, [], [], driving=False, operating_mode="STARTUP", action_states=[], errors=[])
+"""The state of a vehicle that has not sent one."""
+Outgoing = tuple[str, Any]
 """A topic of the vehicle, and the message without its header."""
-
-
-class _TaskEnd(NamedTuple):
-    state: TaskState
-    why: str
 
 
 class _Work(msgspec.Struct):
     """A task that the robot has accepted and not ended."""
 
-    id: str
-    epoch: int
+    status: TaskStatus
     lease_ns: int
-    order: dict[str, Any] | None = None
+    order: VehicleOrder | None = None
     """None after a restart: the vehicle has it."""
-    end: _TaskEnd | None = None
-    """How it ends once the vehicle has no order for it."""
+    cancelled: str = ""
+    """Why it is cancelled once the vehicle has no order for it; empty if it is not to be cancelled."""
     sent_ns: int | None = None
-    last_sent_ns: int = -SETTLE_NS
     arrived_ns: int | None = None
 
 
@@ -85,39 +82,38 @@ class VehicleRobot:
         """Stamp of the last halt or resume of the team."""
         self._name, self._place, self._radius_m = name, vehicle, radius_m
         self.continues_for_s = continues_for_s
-        self._vehicle: State | None = None
+        self._vehicle = UNKNOWN
         self._work: _Work | None = None
-        self._status: TaskStatus | None = None
-        self._before: TaskStatus | None = None
+        self._ended: TaskStatus | None = None
         self._epoch = 0
         self._received_ns = 0
         self._resumed_ns = -RESUME_NS
-        self._sent_ns: dict[str, int] = {}
-        self._in_flight = ("", -SETTLE_NS)
-        """The order of a task that was replaced, and when it was last sent."""
+        self._times = vda.SendTimes()
+        self._sent = ("", -SETTLE_NS)
+        """Id of the order that was sent last, and when."""
 
     # -- the vehicle's side -----------------------------------------------------------------------------------------
 
     @property
     def is_known(self) -> bool:
         """Whether the vehicle has sent its state."""
-        return self._vehicle is not None
+        return self._vehicle is not UNKNOWN
 
     def handle_state(self, state: State, now_ns: int) -> None:
         """Process a state; the first one tells which task the vehicle does."""
-        is_first, self._vehicle = self._vehicle is None, state
+        is_first, self._vehicle = not self.is_known, state
         if is_first and (held := _read_order_id(state.order_id)) is not None:
             task_id, self._epoch = held
             self._received_ns = now_ns
-            self._begin(_Work(task_id, self._epoch, to_ns(self.continues_for_s)))
+            self._begin(task_id, self._epoch, self.continues_for_s)
 
     def step(self, now_ns: int) -> list[Outgoing]:
         """Messages to send to the vehicle now."""
         vehicle, work = self._vehicle, self._work
-        if vehicle is None:
+        if not self.is_known:
             return self._instant("stateRequest", now_ns)
         if work is not None and now_ns - self._received_ns > work.lease_ns:
-            self._end_work(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")
+            self._cancel("the coordinator is silent, the lease ran out")
         sent = [*self._pause(vehicle, now_ns), *self._send_zones(vehicle, now_ns)]
         held = _read_order_id(vehicle.order_id)
         if work is not None and self._is_order_of(work, vehicle, held):
@@ -125,53 +121,52 @@ class VehicleRobot:
         elif work is not None:
             sent += self._send_order(work, vehicle, now_ns)
         work = self._work
-        is_wanted = work is not None and work.end is None and self._is_order_of(work, vehicle, held)
+        is_wanted = work is not None and not work.cancelled and self._is_order_of(work, vehicle, held)
         if held is not None and not vehicle.is_idle and not is_wanted:
             sent += self._instant("cancelOrder", now_ns)
         return sent
 
     def _is_order_of(self, work: _Work, vehicle: State, held: tuple[str, int] | None) -> bool:
         """Whether the vehicle has the task's order, or does or has completed one of an earlier epoch."""
-        if held is None or held[0] != work.id:
+        if held is None or held[0] != work.status.id:
             return False
-        is_earlier = not vehicle.is_idle or _stay_s(vehicle) is not None
-        return is_earlier or (work.order is None or work.order["orderId"] == vehicle.order_id)
+        is_earlier = not vehicle.is_idle or _stay_ns(vehicle) is not None
+        return is_earlier or work.order is None or work.order.order_id == vehicle.order_id
 
     def _check_progress(self, work: _Work, vehicle: State, now_ns: int) -> None:
         faults = _faults(vehicle)
-        stay_s = _stay_s(vehicle)
+        stay_ns = _stay_ns(vehicle)
         if not vehicle.is_idle:
             if faults:
                 self._finish(TaskState.FAILED, faults)
-        elif stay_s is None:
-            self._finish(*(work.end or _TaskEnd(TaskState.CANCELLED, f"the vehicle has dropped the order: {faults}")))
+        elif stay_ns is None:
+            self._finish(TaskState.CANCELLED, work.cancelled or f"the vehicle has dropped the order: {faults}")
         else:
-            work.arrived_ns = now_ns if work.arrived_ns is None else work.arrived_ns
-            if now_ns >= work.arrived_ns + to_ns(stay_s):
+            work.arrived_ns = work.arrived_ns or now_ns
+            if now_ns >= work.arrived_ns + stay_ns:
                 self._finish(TaskState.DONE, "")
-            elif work.end is not None:
-                self._finish(*work.end)
+            elif work.cancelled:
+                self._finish(TaskState.CANCELLED, work.cancelled)
 
     def _send_order(self, work: _Work, vehicle: State, now_ns: int) -> list[Outgoing]:
+        order = work.order
         refused = [
-            error.words
-            for error in vehicle.errors
-            if work.order is not None and error.refers_to("orderId", work.order["orderId"])
+            one.words for one in vehicle.errors if order is not None and one.refers_to("orderId", order.order_id)
         ]
-        if work.end is not None:
-            if work.sent_ns is None or now_ns - work.last_sent_ns > SETTLE_NS:
-                self._finish(*work.end)
-        elif work.order is None or (not vehicle.is_idle and _read_order_id(vehicle.order_id) is None):
+        if work.cancelled:
+            if work.sent_ns is None or now_ns - self._sent[1] > SETTLE_NS:
+                self._finish(TaskState.CANCELLED, work.cancelled)
+        elif order is None or (not vehicle.is_idle and _read_order_id(vehicle.order_id) is None):
             self._finish(TaskState.CANCELLED, f"the vehicle has the order {vehicle.order_id} of another master")
         elif refused or (work.sent_ns is not None and now_ns - work.sent_ns > GIVE_UP_NS):
             why = "; ".join(refused or [error.words for error in vehicle.errors]) or "no reason given"
             self._finish(TaskState.FAILED, f"the vehicle does not accept the order: {why}")
-        elif self._in_flight[0] != vehicle.order_id and now_ns - self._in_flight[1] < SETTLE_NS:
+        elif self._sent[0] not in (order.order_id, vehicle.order_id) and now_ns - self._sent[1] < SETTLE_NS:
             pass  # the order before may still arrive
-        elif vehicle.is_idle and (work.sent_ns is None or now_ns - work.last_sent_ns >= AGAIN_NS):
-            work.sent_ns = now_ns if work.sent_ns is None else work.sent_ns
-            work.last_sent_ns = now_ns
-            return [("order", work.order)]
+        elif vehicle.is_idle and (work.sent_ns is None or now_ns - self._sent[1] >= AGAIN_NS):
+            work.sent_ns = work.sent_ns or now_ns
+            self._sent = (order.order_id, now_ns)
+            return [("order", order)]
         return []
 
     def _pause(self, vehicle: State, now_ns: int) -> list[Outgoing]:
@@ -189,26 +184,20 @@ class VehicleRobot:
         return []
 
     def _send_zones(self, vehicle: State, now_ns: int) -> list[Outgoing]:
-        if self._place.is_old or self.zones is None or vehicle.zone_sets is msgspec.UNSET:
+        if self.zones is None or vehicle.zone_sets is msgspec.UNSET:  # version 2 has none
             return []
         content = zone_set_of(self.zones, self._name, self._mapped)
         there = {one.zone_set_id: one.zone_set_status for one in vehicle.zone_sets or ()}
         name = content["zoneSetId"]
         if name not in there:
-            is_due = (content["zones"] or there) and self._is_due("zoneSet", now_ns)
+            is_due = (content["zones"] or there) and self._times.is_due("zoneSet", AGAIN_NS, now_ns)
             return [("zoneSet", {"zoneSet": content})] if is_due else []
         return [] if there[name] == "ENABLED" else self._instant("enableZoneSet", now_ns, zoneSetId=name)
 
     def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Outgoing]:
-        if not self._is_due(kind, now_ns):
+        if not self._times.is_due(kind, AGAIN_NS, now_ns):
             return []
         return [("instantActions", instant_action(kind, f"{kind}-{now_ns}", **parameters))]
-
-    def _is_due(self, what: str, now_ns: int) -> bool:
-        if now_ns - self._sent_ns.get(what, -AGAIN_NS) < AGAIN_NS:
-            return False
-        self._sent_ns[what] = now_ns
-        return True
 
     # -- the team's side --------------------------------------------------------------------------------------------
 
@@ -216,38 +205,35 @@ class VehicleRobot:
         """Accept a task, or refuse it with a reason."""
         task, epoch = offer.task, offer.epoch
         if epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
+            return self._newer
         if self._status is not None and (self._status.id, self._status.epoch) == (task.id, epoch):
             return TaskAnswer(accepted=True)
         try:
             places = _places(task)
         except (BadParameters, ValueError) as error:
             return TaskAnswer.refused(plain("vehicle_cannot", str(error)))
-        vehicle = self._vehicle
-        refusal = self._refusal(offer)
-        if refusal is not None or vehicle is None or vehicle.position is None:
+        at, refusal = self._vehicle.position, self._refusal(offer)
+        if refusal is not None or at is None:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
-        if (work := self._work) is not None:
-            if work.order is not None:
-                self._in_flight = (work.order["orderId"], work.last_sent_ns)
+        if self._work is not None:
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")
         self._epoch, self._received_ns = epoch, now_ns
-        lease_ns = to_ns(max(offer.lease_s, self.continues_for_s))
-        self._begin(_Work(task.id, epoch, lease_ns, self._order(task, epoch, places, vehicle.position)))
+        lease_s = max(offer.lease_s, self.continues_for_s)
+        self._begin(task.id, epoch, lease_s, self._order(task, epoch, places, at))
         return TaskAnswer(accepted=True)
 
     def withdraw(self, withdrawal: TaskWithdrawal) -> TaskAnswer:
         """End a task: its status stays `running` until the vehicle has no order for it."""
         if withdrawal.epoch < self._epoch:
-            return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
-        if self._work is not None and self._work.id == withdrawal.id:
-            self._end_work(TaskState.CANCELLED, withdrawal.why or "withdrawn")
+            return self._newer
+        if self._work is not None and self._work.status.id == withdrawal.id:
+            self._cancel(withdrawal.why or "withdrawn")
         return TaskAnswer(accepted=True)
 
     def halt(self, by: str, reason: str, stamp_ns: int = 0) -> None:
         """Pause the vehicle, and end its task."""
         self.latch.hold(by, reason, stamp_ns)
-        self._end_work(TaskState.CANCELLED, "the robot is halted")
+        self._cancel("the robot is halted")
 
     def resume(self, by: str, now_ns: int, stamp_ns: int = 0) -> str:
         """End a halt; returns why the vehicle stays paused, empty if it does not."""
@@ -263,52 +249,39 @@ class VehicleRobot:
     @property
     def has_stopped(self) -> bool:
         """Whether the vehicle confirms that it is paused and stands."""
-        return self._vehicle is not None and bool(self._vehicle.paused) and not self._vehicle.driving
+        return bool(self._vehicle.paused) and not self._vehicle.driving
 
     @property
     def path(self) -> list[Point2D]:
         """The path ahead: the one that the vehicle reports, else straight lines; empty when it has no order."""
-        vehicle = self._vehicle
-        if vehicle is None or vehicle.position is None or not vehicle.node_states:
+        vehicle, order = self._vehicle, self._work.order if self._work is not None else None
+        if vehicle.position is None or not vehicle.node_states:
             return []
+        found: list[vda.Waypoint] = [vehicle.position]
         if vehicle.intermediate_path:
-            found = [(point.x, point.y) for point in vehicle.intermediate_path.polyline]
-        else:
-            order = (self._work.order if self._work is not None else None) or {"nodes": []}
-            known = {node["sequenceId"]: node["nodePosition"] for node in order["nodes"]}
-            places = [known[one.sequence_id] for one in vehicle.node_states if one.sequence_id in known]
-            found = [(vehicle.position.x, vehicle.position.y), *((at["x"], at["y"]) for at in places)]
-        poses = [self._place.to_arena(*point) for point in found]
-        return [Point2D(pose.x_m, pose.y_m) for pose in poses]
+            found = [*vehicle.intermediate_path.polyline]
+        elif order is not None:
+            ahead = {one.sequence_id for one in vehicle.node_states}
+            found += [node.node_position for node in order.nodes if node.node_position and node.sequence_id in ahead]
+        return [self._place.place(point) for point in found]
 
     def robot_state(self) -> RobotState:
         """The vehicle as a robot; its state must be known."""
-        vehicle = self._vehicle
-        assert vehicle is not None
-        at, faults, power = vehicle.position, _faults(vehicle), vehicle.power_supply or vehicle.battery_state
+        vehicle, is_halted = self._vehicle, self.latch.is_held
+        at, faults, moving = vehicle.position, _faults(vehicle), vehicle.velocity or vda.Velocity()
         lost = "" if at is not None else "the vehicle does not know its position"
         if at is not None and self._place.map_id not in ("", at.map_id):
             lost = f"expected map {self._place.map_id}, got {at.map_id}"
             at = None
-        is_halted, moving = self.latch.is_held, vehicle.velocity or vda.Velocity()
         return RobotState(
             robot=self._name,
             pose=None if at is None else self._place.to_arena(at.x, at.y, at.theta),
             velocity=Twist2D(moving.vx, moving.vy, moving.omega),
             radius_m=self._radius_m,
-            battery=None
-            if not power
-            else BatteryState(
-                voltage_v=power.battery_voltage or 0.0,
-                current_a=-(power.battery_current or 0.0),
-                temperature_c=0.0,
-                soc=(power.state_of_charge or power.battery_charge or 0.0) / 100.0,
-                remaining_j=0.0,
-                charging=power.charging,
-            ),
+            battery=vehicle.battery,
             behavior=VEHICLE if self._work is not None else "",
             task=self._status,
-            task_before=self._before,
+            task_before=self._ended,
             halted=is_halted,
             halted_by=self.latch.holders,
             team_halt_ns=self.team_halt_ns if is_halted else 0,
@@ -320,7 +293,7 @@ class VehicleRobot:
 
     @property
     def _mapped(self) -> Vehicle:
-        at = self._vehicle.position if self._vehicle is not None else None
+        at = self._vehicle.position
         return self._place if self._place.map_id or at is None else self._place._replace(map_id=at.map_id)
 
     def _refusal(self, offer: TaskOffer) -> OfferRefusal | None:
@@ -329,51 +302,53 @@ class VehicleRobot:
             return RobotHalted()
         if offer.after:
             return plain("vehicle_holds_none", "the vehicle holds no second task")
-        if vehicle is None or vehicle.operating_mode not in DRIVES:
-            return plain("vehicle_mode", f"operating mode {'unknown' if vehicle is None else vehicle.operating_mode}")
+        if vehicle.operating_mode not in DRIVES:
+            return plain("vehicle_mode", f"operating mode {vehicle.operating_mode}")
         faults = _faults(vehicle)
         return plain("vehicle_faulted", faults) if faults else None
 
-    def _begin(self, work: _Work) -> None:
-        self._work = work
-        self._status = TaskStatus(id=work.id, epoch=work.epoch, state=TaskState.RUNNING)
+    @property
+    def _status(self) -> TaskStatus | None:
+        return self._ended if self._work is None else self._work.status
 
-    def _end_work(self, state: TaskState, why: str) -> None:
-        if self._work is not None and self._work.end is None:
-            self._work.end = _TaskEnd(state, why)
+    @property
+    def _newer(self) -> TaskAnswer:
+        return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
+
+    def _begin(self, task_id: str, epoch: int, lease_s: float, order: VehicleOrder | None = None) -> None:
+        self._work = _Work(TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING), to_ns(lease_s), order)
+
+    def _cancel(self, why: str) -> None:
+        if self._work is not None:
+            self._work.cancelled = self._work.cancelled or why
 
     def _finish(self, state: TaskState, why: str) -> None:
         assert self._work is not None
-        ended = TaskStatus(id=self._work.id, epoch=self._work.epoch, state=state, why=cut(why))
-        self._work, self._status, self._before = None, ended, ended
+        self._ended = msgspec.structs.replace(self._work.status, state=state, why=cut(why))
+        self._work = None
 
-    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> dict[str, Any]:
+    def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> VehicleOrder:
         order_id, around = f"robrain:{task.id}:{epoch}", START_DEVIATION_M
-        allowed = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
-        on_map = [self._place.from_arena(place.x_m, place.y_m) for place in places]
-        points = [(start.x, start.y), *((at.x_m, at.y_m) for at in on_map)]
-        positions: list[dict[str, Any]] = [{"x": x, "y": y, "mapId": start.map_id} for x, y in points]
-        positions[0]["allowedDeviationXY"] = allowed
-        names = [f"node-{number}" for number in range(len(positions))]
-        names[-1] = f"{order_id}:{task.service_s:g}"
-
-        def part(kind: str, name: str, sequence_id: int, **fields: Any) -> dict[str, Any]:
-            return {f"{kind}Id": name, "sequenceId": sequence_id, "released": True, "actions": [], **fields}
-
-        nodes = [part("node", names[n], 2 * n, nodePosition=position) for n, position in enumerate(positions)]
-        edges = [
-            part("edge", f"edge-{n}", 2 * n + 1, startNodeId=names[n], endNodeId=names[n + 1])
-            for n in range(len(nodes) - 1)
+        allowed: vda.Deviation = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
+        at_start = vda.NodePosition(start.x, start.y, start.map_id, allowed_deviation=allowed)
+        on_map = (self._place.waypoint(place.x_m, place.y_m) for place in places)
+        positions = [at_start, *(vda.NodePosition(at.x, at.y, start.map_id) for at in on_map)]
+        names = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{to_ns(task.service_s)}"]
+        nodes = [
+            vda.OrderNode(name, 2 * number, True, [], position)
+            for number, (name, position) in enumerate(zip(names, positions, strict=True))
         ]
-        return {"orderId": order_id, "orderUpdateId": 0, "nodes": nodes, "edges": edges}
+        edges = [
+            vda.OrderEdge(f"edge-{number}", 2 * number + 1, True, [], before, after)
+            for number, (before, after) in enumerate(pairwise(names))
+        ]
+        return VehicleOrder(order_id, 0, nodes, edges)
 
 
-def instant_action(kind: str, action_id: str, **parameters: str) -> dict[str, Any]:
+def instant_action(kind: str, action_id: str, **parameters: str) -> vda.InstantActions:
     """A message with an instant action; both versions accept the blocking type NONE."""
-    action: dict[str, Any] = {"actionType": kind, "actionId": action_id, "blockingType": "NONE"}
-    if parameters:
-        action["actionParameters"] = [{"key": key, "value": value} for key, value in parameters.items()]
-    return {"actions": [action]}
+    found = [vda.ActionParameter(key, value) for key, value in parameters.items()]
+    return vda.InstantActions([vda.OrderAction(kind, action_id, "NONE", found)])
 
 
 def _places(task: Task) -> list[Point2D]:
@@ -396,15 +371,10 @@ def _read_order_id(order_id: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _stay_s(vehicle: State) -> float | None:
+def _stay_ns(vehicle: State) -> int | None:
     """Time to stay at the last node of the order, once the vehicle has reached it; None before."""
-    text = vehicle.last_node_id.removeprefix(f"{vehicle.order_id}:")
-    if text == vehicle.last_node_id:
-        return None
-    try:
-        return min(max(float(text), 0.0), 1e6)
-    except ValueError:
-        return None
+    order_id, _, stay_ns = vehicle.last_node_id.rpartition(":")
+    return int(stay_ns) if order_id == vehicle.order_id and STAY.fullmatch(stay_ns) else None
 
 
 def _faults(vehicle: State) -> str:
@@ -414,22 +384,22 @@ def _faults(vehicle: State) -> str:
 
 # -- zones ------------------------------------------------------------------------------------------------------------
 
-ZONE_TYPES = {ZoneKind.KEEP_OUT: "BLOCKED", ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
-"""Zone types of version 3; zones of other kinds are not sent."""
+ZONE_TYPES = {ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
+"""Zone types of version 3 beside `BLOCKED`; zones of other kinds are not sent."""
 
 
 def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str, Any]:
     """The zones that a robot has to obey as a zone set, whose id changes with its content."""
     found = []
     for zone in zones:
-        if zone.kind not in ZONE_TYPES or not zone.binds(robot):
+        zone_type = "BLOCKED" if zone.keeps_out else ZONE_TYPES.get(zone.kind)
+        if zone_type is None or not zone.binds(robot):
             continue
-        corners = [vehicle.from_arena(x_m, y_m) for x_m, y_m in zone.corners_m]
-        vertices = [{"x": corner.x_m, "y": corner.y_m} for corner in corners]
-        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": ZONE_TYPES[zone.kind], "vertices": vertices}
-        if zone.speed_m_s is not None:
+        vertices = [vehicle.waypoint(x_m, y_m) for x_m, y_m in zone.corners_m]
+        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": zone_type, "vertices": vertices}
+        if zone_type == "SPEED_LIMIT":
             content["maximumSpeed"] = zone.speed_m_s
-        if zone.cost_m is not None:
+        if zone_type == "PENALTY" and zone.cost_m is not None:
             content["penaltyFactor"] = zone.cost_m / (1.0 + zone.cost_m)
         found.append(content)
     digest = hashlib.sha256(msgspec.json.encode([vehicle.map_id, found])).hexdigest()

@@ -41,7 +41,7 @@ def main() -> None:
         at(team, 0.6)
         team.change_zones(remove=["works"])
         at(team, 1.0)
-        team.change_rules(remove=[rule.name for rule in team.rules()])
+        team.change_rules(remove=[rule.name for rule in team.rules().rules])
         team.run_for(600.0, until=lambda: all(record.state.ended for record in team.list()))
         records = team.list()
         counts = collections.Counter((record.task.kind, record.state) for record in records)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SIMULATE
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import JsonOption
 from robrain.deploy.command_line.output import print_json
 
@@ -17,7 +17,7 @@ DIFFERENT = 1
 INTERRUPTED = 130
 
 
-fork_app = typer.Typer(rich_help_panel=SIMULATE, rich_markup_mode=None)
+fork_app = CommandApp(SIMULATE)
 
 
 @fork_app.command()

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import RECORDINGS
+from robrain.deploy.command_line.command_group import RECORDINGS, CommandApp
 from robrain.deploy.command_line.options import JsonOption
 from robrain.deploy.command_line.output import print_json
 
-report_app = typer.Typer(rich_help_panel=RECORDINGS, rich_markup_mode=None)
+report_app = CommandApp(RECORDINGS)
 
 
 @report_app.command()

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SIMULATE
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import JsonOption
 from robrain.deploy.command_line.output import print_json
 
-soak_app = typer.Typer(rich_help_panel=SIMULATE, rich_markup_mode=None)
+soak_app = CommandApp(SIMULATE)
 
 BROKEN = 1
 """Exit status if an invariant was broken."""

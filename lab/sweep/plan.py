@@ -15,11 +15,11 @@ from robrain.deploy.errors import UsageError
 from robrain.protocol.errors import BadToml
 from robrain.protocol.file_mistakes import nearest
 from robrain.protocol.registry import UnknownEntry
-from robrain.protocol.toml_text import parse_toml
+from robrain.protocol.toml_text import parse_toml, toml_of
 from robrain.sim.errors import ScenarioError
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.scenarios.scenario import Scenario
-from robrain.sim.scenarios.scenario_file import MAX_SEED, document_toml, tables_type
+from robrain.sim.scenarios.scenario_file import MAX_SEED, tables_type
 
 Value = str | int | float | bool
 """A value in a table: that of a key, or its JSON text if it is a list or a table."""
@@ -304,7 +304,7 @@ def _setting(
     document = with_values(base, given)
     words = ", ".join(f"{column_of(key)}={value}" for key, value in given.items())
     try:
-        scenario = Scenario.from_toml(document_toml(document), f"--vary {words}" if given else name)
+        scenario = Scenario.from_toml(toml_of(document), f"--vary {words}" if given else name)
         document = scenario.document()
     except ScenarioError as error:
         raise UsageError(str(error)) from error
@@ -320,7 +320,7 @@ def _setting(
     label = ", ".join(f"{column}={value}" for column, value in values.items()) or name
     slug = re.sub(r"[^\w.=,+-]+", "-", label.replace(", ", ","))[:NAME_LENGTH]
     digits = len(str(count))
-    return Setting(name=f"{number:0{digits}d}-{slug}", label=label, values=values, toml=document_toml(document))
+    return Setting(name=f"{number:0{digits}d}-{slug}", label=label, values=values, toml=toml_of(document))
 
 
 def _record_inputs(scenario: Scenario, inputs: dict[str, str]) -> None:

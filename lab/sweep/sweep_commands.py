@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robrain.deploy.command_line.command_group import SIMULATE
+from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import (
     JsonOption,
     MapOption,
@@ -18,7 +18,7 @@ from robrain.deploy.command_line.options import (
 )
 from robrain.deploy.command_line.output import print_json
 
-sweep_app = typer.Typer(rich_help_panel=SIMULATE, rich_markup_mode=None)
+sweep_app = CommandApp(SIMULATE)
 
 FAILED = 1
 """Exit status if runs failed."""

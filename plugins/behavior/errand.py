@@ -38,7 +38,7 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons import DoorShut, OfferRefusal, PlainReason, needs_time, no_path, plain
+from robrain.protocol.reasons import OfferRefusal, PlainReason, Shut, needs_time, no_path, plain
 
 STEP_S = 0.25
 MEASURED_S = 300.0
@@ -60,7 +60,7 @@ UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet
 IN_ZONE = plain("in_zone", "its place is in a zone where the robot must not stop")
 TROUBLE = {
     TravelState.BLOCKED: "the way is blocked",
-    TravelState.DOOR_SHUT: "a door does not open",
+    TravelState.SHUT: "a door or a zone on the way is closed",
     TravelState.TOO_NARROW: "the way is too narrow",
     TravelState.NO_PATH: "no way there",
     TravelState.LOST: "the robot does not know where it is",
@@ -74,7 +74,7 @@ REPORTED_PATH_M = 1.0
 
 
 class Failed(Exception):
-    """A script cannot do its work; the text is the reason. With a `DoorShut` the task does not count as tried."""
+    """A script cannot do its work; the text is the reason. With a `Shut` reason the task does not count as tried."""
 
 
 class Run(msgspec.Struct, Generic[P]):
@@ -164,10 +164,10 @@ class Errand(Behavior, ABC, Generic[P]):
         """Go to a place, arena frame, and stop there."""
         priority = 0.0 if self.run is None else self.run.task.priority
         if not self.travel.set_out(goal, priority=priority):
-            raise Failed(TROUBLE[TravelState.NO_PATH])
+            raise Failed(self.travel.shut_before(goal) or TROUBLE[TravelState.NO_PATH])
         while (progress := self.travel.step()) is not TravelState.ARRIVED:
-            if progress is TravelState.DOOR_SHUT:
-                raise Failed(DoorShut(self.travel.door))
+            if progress is TravelState.SHUT:
+                raise Failed(self.travel.shut)
             if progress in TROUBLE:
                 raise Failed(TROUBLE[progress])
             yield
@@ -269,7 +269,7 @@ class Errand(Behavior, ABC, Generic[P]):
         except StopIteration as end:
             self.finish(TaskState.DONE, "", end.value)
         except Failed as failed:
-            shut = failed.args[0] if isinstance(failed.args[0], DoorShut) else None
+            shut = failed.args[0] if isinstance(failed.args[0], Shut) else None
             self.finish(TaskState.CANCELLED if shut else TaskState.FAILED, shut or str(failed))
         except CallError as error:  # a device that a script asked gives no answer
             self.finish(TaskState.FAILED, error.message)
@@ -310,10 +310,11 @@ class Errand(Behavior, ABC, Generic[P]):
             return TaskAnswer.refused(lost)
         goal = task.place
         if not self.travel.may_stay(goal):
-            return TaskAnswer.refused(IN_ZONE)
+            return TaskAnswer.refused(self.travel.shut_before(goal) or IN_ZONE)
         path = self.travel.plan(goal)
         if path is None:
-            return TaskAnswer.refused(UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path())
+            blocked = UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path()
+            return TaskAnswer.refused(self.travel.shut_before(goal) or blocked)
         path_m = length_m([self.travel.place(), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
         delay_s = self.travel.doors_s(path) + self.travel.delay_s(self._pace_m_s(), path)
@@ -373,7 +374,7 @@ class Errand(Behavior, ABC, Generic[P]):
             run.is_as_planned = False  # learn once from one path
             self.budget.energy.outcome(Work(path_m=run.path_m), run.energy_j)
 
-    def finish(self, state: TaskState, reason: str | DoorShut, result: dict[str, Any] | None = None) -> None:
+    def finish(self, state: TaskState, reason: str | Shut, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()

@@ -141,7 +141,7 @@ DECIDE_PERIOD_S = 1.0
 OUTCOMES = {
     TravelState.ARRIVED: (TaskState.DONE, "arrived"),
     TravelState.BLOCKED: (TaskState.FAILED, "the way is blocked"),
-    TravelState.DOOR_SHUT: (TaskState.FAILED, "a door does not open"),
+    TravelState.SHUT: (TaskState.FAILED, "a door or a zone on the way is closed"),
     TravelState.NO_PATH: (TaskState.FAILED, "no way there"),
     TravelState.LOST: (TaskState.FAILED, "the robot does not know where it is"),
 }

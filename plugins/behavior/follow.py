@@ -6,7 +6,7 @@ from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, point_along
 from robrain.protocol.model.tasks.stock_kinds import FOLLOW, Follow
 from robrain.protocol.model.tasks.task import Task
 
@@ -82,11 +82,5 @@ class FollowBehavior(Errand[Follow]):
         path = self.travel.plan(target)
         if not path:
             return None
-        at, left_m = path[-1], distance_m - path[-1].distance_m(target)
-        for corner in [*reversed(path[:-1]), self.travel.place()]:
-            leg_m = corner.distance_m(at)
-            if leg_m >= left_m:
-                share = max(0.0, left_m) / max(leg_m, 1e-9)
-                return Point2D(at.x_m + share * (corner.x_m - at.x_m), at.y_m + share * (corner.y_m - at.y_m))
-            at, left_m = corner, left_m - leg_m
-        return None
+        back = [*reversed(path[:-1]), self.travel.place()]
+        return point_along(path[-1], back, distance_m - path[-1].distance_m(target))

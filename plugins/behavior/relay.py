@@ -12,7 +12,7 @@ from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.snw_exploration.interface import SnwInterface
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.geometry import Point2D, point_along
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.tasks.stock_kinds import RELAY, Relay
 from robrain.protocol.model.tasks.task import Task
@@ -167,12 +167,5 @@ class RelayBehavior(Errand[Relay]):
         path = self.travel.plan(end)
         if not path:
             return None
-        at, left_m = self.travel.place(), self.parameters.step_m
-        for corner in path:
-            leg_m = corner.distance_m(at)
-            if leg_m >= left_m:
-                share = left_m / leg_m
-                at = Point2D(at.x_m + share * (corner.x_m - at.x_m), at.y_m + share * (corner.y_m - at.y_m))
-                break
-            at, left_m = corner, left_m - leg_m
+        at = point_along(self.travel.place(), path, self.parameters.step_m) or path[-1]
         return at if at.distance_m(place) <= self.parameters.stray_m and self.away_m(at) > 0.1 else None

@@ -6,9 +6,10 @@ from enum import Enum, auto
 import numpy as np
 
 from robrain.agent.environment import Environment
-from robrain.algorithms.navigation.clearance import least_gap_m
+from robrain.algorithms.navigation.clearance import least_gap_m, mapped_clearance_m
 from robrain.algorithms.navigation.reservations import ReservedArea
 from robrain.algorithms.navigation.right_of_way import LONGEST_M, LOOK_AHEAD_M, STEP_M, Release, sample_path
+from robrain.algorithms.navigation.separation import Separation
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.plugins.behavior.area_gate import AreaGate
 from robrain.plugins.behavior.deconfliction import ROOM_S, Encounter, Leg, Outlet, TravelClaim, circles, swaths
@@ -23,9 +24,10 @@ from robrain.protocol.messages.robots.robot_messages import ROBOT_PATH, PlannedP
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.claim import IDLE_S, Claim
 from robrain.protocol.model.geometry import Point2D, Pose2D
+from robrain.protocol.model.grid_geometry import OCCUPIED, UNKNOWN
 from robrain.protocol.model.map_frame import ARENA
 from robrain.protocol.model.ranges import Positive
-from robrain.protocol.reasons import PositionLost, sentence_of
+from robrain.protocol.reasons import DoorShut, PositionLost, Shut, sentence_of, shut
 
 FIND_ITSELF = "find itself"
 """Board text for a robot that searches for its place and has nothing else to do."""
@@ -53,6 +55,8 @@ LEAVES = Claim(order_s=0.5 * IDLE_S)
 """A robot that leaves a zone goes before idle ones, which make room."""
 HELD_S = 2.0
 """Time that a robot that leaves a zone waits for others before it plans again (chosen)."""
+NEAR_M = 0.8
+"""A place counts as reachable if the robot can come as near to it (as `snap_m` of the planner)."""
 OWN_CELL_M = 0.15
 """The cell of a robot is open, however near others stand."""
 
@@ -90,8 +94,8 @@ class TravelState(Enum):
     ARRIVED = auto()
     BLOCKED = auto()
     """Something has blocked the path for too long."""
-    DOOR_SHUT = auto()
-    """A door has not opened; `door` is its name."""
+    SHUT = auto()
+    """A door has not opened, or a zone on the only path is cleared; `shut` is the reason."""
     TOO_NARROW = auto()
     """The path leads through a gap that is too narrow for the robot; `gap_m` is the gap's width."""
     NO_PATH = auto()
@@ -140,6 +144,8 @@ class Travel:
         """Claim of the leg of an idle robot."""
         self.roams = False
         """Whether the goals lie in the robot's own map frame, so that it may drive there while it is lost."""
+        self.shut: Shut | None = None
+        """The zone that last ended a travel with `SHUT`."""
         self.gap_m: float | None = None
         """Width of the gap that last stopped the robot; None for another cause."""
         self._has_reported_wait = False
@@ -185,10 +191,17 @@ class Travel:
         reason = self._env.board.lost
         return PositionLost(self._env.robot, reason) if reason else None
 
-    @property
-    def door(self) -> str:
-        """The door that does not open for the robot; empty if there is none."""
-        return self._gate.shut_door
+    def shut_before(self, goal: Point2D) -> Shut | None:
+        """The shut zone without which the robot could reach a place; None if there is none."""
+        view = self.view()
+        if view.zones is None or view.seen is None or not any(zone.is_shut for zone in view.zones.zones):
+            return None
+        here, radius_m = self.place(), mapped_clearance_m(self.driver.radius_m(), view.geometry.resolution_m)
+        out = self._planner.leave_zone(view, here)
+        classes = np.where(view.seen == UNKNOWN, np.int8(OCCUPIED), view.seen)
+        separation = Separation(classes, view.geometry, view.zones.zones, [out[-1] if out else here], radius_m)
+        zone = separation.shut_before(goal, NEAR_M)
+        return None if zone is None else shut(zone)
 
     def doors_s(self, path: list[Point2D]) -> float:
         """Time that the doors on a path from here take to open."""
@@ -324,10 +337,13 @@ class Travel:
             self.gap_m = self.driver.gap_m()
             return TravelState.BLOCKED if self.gap_m is None else TravelState.TOO_NARROW
         if self._gate.has_waited_too_long:
-            return TravelState.DOOR_SHUT
+            self.shut = DoorShut(self._gate.shut_door)
+            return TravelState.SHUT
         encounter = self._meet(pose)
         if self._must_replan(pose, now_ns) and not self._replan(encounter, self._goal, pose, now_ns):
-            return TravelState.DOOR_SHUT if self.door else TravelState.NO_PATH
+            door = self._gate.shut_door
+            self.shut = DoorShut(door) if door else self.shut_before(self._goal)
+            return TravelState.NO_PATH if self.shut is None else TravelState.SHUT
         leg = self._leg
         return TravelState.WAITING if leg is None else self._go(leg, encounter, pose)
 
@@ -421,16 +437,8 @@ class Travel:
         radius_m = self.driver.radius_m() if teammates else 0.0
         leg = self._leg if claim is None and teammates else None
         ahead = None if leg is None else leg.path.ahead(pose.x_m, pose.y_m, LOOK_AHEAD_M)
-        return Encounter(
-            self._env.robot,
-            claim or self._travel_claim.claim,
-            radius_m,
-            teammates,
-            self._parameters.speed_m_s,
-            ahead,
-            self._moved_ns,
-            now_ns,
-        )
+        own, speed_m_s = claim or self._travel_claim.claim, self._parameters.speed_m_s
+        return Encounter(self._env.robot, own, radius_m, teammates, speed_m_s, ahead, self._moved_ns, now_ns)
 
     def _replan(self, encounter: Encounter, goal: Point2D, pose: Pose2D, now_ns: int) -> bool:
         """Take a new path if there is one; False once none, narrow ones included, was found for `patience_s`."""

@@ -4,6 +4,7 @@ from collections.abc import Set as AbstractSet
 from enum import StrEnum
 
 from robrain.protocol.access.member import MEMBERS, MemberRole
+from robrain.protocol.messages.maps.map_messages import ROBOT_MAP
 from robrain.protocol.messages.motes.mote_messages import MOTE_READING
 from robrain.protocol.messages.robots.host_messages import HOST_HALT
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL, ROBOT_FOREIGN_CALL, ROBOT_FOREIGN_INFO
@@ -54,6 +55,7 @@ PUTS: dict[str, Roles] = {
     ARENA_CAN.name: _ARENA | _ROBOT,
     ARENA_RADIO_TX.name: _ARENA | _ROBOT,
     ARENA_SERIAL_TX.name: _ARENA | _ROBOT,  # the arena opens pseudo terminals
+    ROBOT_MAP.name: _ROBOT | _COORDINATOR,  # the known floor
     MOTE_READING.name: _ARENA | _ROBOT,  # simulated gateways are parts of the arena
 }
 SUBSCRIBES: dict[str, Roles] = {

@@ -6,6 +6,7 @@ in a.
 """
 
 import math
+from collections.abc import Sequence
 
 import msgspec
 
@@ -21,6 +22,21 @@ class Point2D(msgspec.Struct, frozen=True):
     def distance_m(self, other: "Pose2D | Point2D") -> float:
         """Euclidean distance between the two places."""
         return math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+
+
+def point_along(start: Point2D, path: Sequence[Point2D], length_m: float) -> Point2D | None:
+    """The point after this length of the path from `start` over the corners of `path`; None if the path is shorter.
+
+    >>> point_along(Point2D(0.0, 0.0), [Point2D(1.0, 0.0), Point2D(1.0, 4.0)], 2.0)
+    Point2D(x_m=1.0, y_m=1.0)
+    """
+    for corner in path:
+        leg_m = corner.distance_m(start)
+        if leg_m >= length_m:
+            share = max(0.0, length_m) / max(leg_m, 1e-9)
+            return Point2D(start.x_m + share * (corner.x_m - start.x_m), start.y_m + share * (corner.y_m - start.y_m))
+        start, length_m = corner, length_m - leg_m
+    return None
 
 
 class Pose2D(msgspec.Struct, frozen=True):

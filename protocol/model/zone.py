@@ -7,11 +7,12 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Annotated
 
+import msgspec
 from msgspec import Meta
 
 from robrain.protocol.model.checked import Checked, check_names
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.ranges import Length, Metres, Name, Pace, PositiveDuration, Radians
+from robrain.protocol.model.ranges import Length, Metres, Name, Pace, PositiveDuration, Radians, Stamp
 from robrain.protocol.model.recurrence import Recurrence
 
 ZONES_MAX = 256
@@ -78,22 +79,25 @@ class Zone(Checked, frozen=True, kw_only=True):
     times: ZoneTimes | None = None
     """When it holds; always if None. Only the coordinator has it: robots receive the zones that hold now."""
     is_shut: bool = False
-    """Whether a zone of the kind `door` cannot be used now; robots then obey it as a keep-out zone."""
+    """Whether no robot may drive there until it opens again: it is cleared, or a door does not open. The coordinator
+    publishes keep-out zones with times as shut ones too."""
+    shut_until_ns: Stamp | None = None
+    """When a zone that is cleared opens; None if it is to be opened."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.kind is not ZoneKind.PLACE and self.area_m2 < AREA_MIN_M2:
+        if (self.kind is not ZoneKind.PLACE or self.is_shut) and self.area_m2 < AREA_MIN_M2:
             raise ValueError(f"zone {self.name}: expected corners_m around an area, got a point or a line")
         for kind, field in FIELD_OF.items():
             if (getattr(self, field) is None) == (self.kind is kind):
                 expected = f"{field} with kind = {kind.value!r}" if self.kind is kind else f"no {field}"
                 raise ValueError(f"zone {self.name}: expected {expected}")
-        if self.is_shut and self.kind is not ZoneKind.DOOR:
-            raise ValueError(f"zone {self.name}: expected is_shut with kind = 'door' alone")
 
     @property
     def rule(self) -> str:
         """Its rule in words."""
+        if self.is_shut and self.kind not in (ZoneKind.DOOR, ZoneKind.KEEP_OUT):
+            return "cleared, keep out"
         if self.speed_m_s is not None:
             return f"at most {self.speed_m_s:g} m/s"
         if self.kind is ZoneKind.PLACE:
@@ -107,6 +111,11 @@ class Zone(Checked, frozen=True, kw_only=True):
         if self.kind is ZoneKind.NO_STOPPING:
             return "no stopping"
         return "keep out" if self.cost_m is None else f"avoid, +{self.cost_m:g} m for each metre"
+
+    @property
+    def keeps_out(self) -> bool:
+        """Whether robots that obey it must not drive there."""
+        return self.kind is ZoneKind.KEEP_OUT or self.is_shut
 
     @property
     def centre(self) -> Point2D:
@@ -185,9 +194,15 @@ def hand_warning(zones: Sequence[Zone], robot: str, pose: Pose2D, velocity: Twis
             continue
         is_against = zone.direction_rad is not None and math.cos(heading_rad - zone.direction_rad) < -1e-6
         is_fast = speed_m_s > SPEED_SLACK * (zone.speed_m_s or math.inf)
-        if zone.kind is ZoneKind.KEEP_OUT or is_fast or (is_against and speed_m_s > 0.0):
+        if zone.keeps_out or is_fast or (is_against and speed_m_s > 0.0):
             return f"{robot} at {speed_m_s:.2f} m/s breaks the zone {zone.name}: {zone.rule}"
     return ""
+
+
+def opened(zones: Sequence[Zone]) -> list[Zone]:
+    """Zones once those have opened that open again."""
+    kept = (zone for zone in zones if not (zone.is_shut and zone.kind is ZoneKind.KEEP_OUT))
+    return [msgspec.structs.replace(zone, is_shut=False) if zone.is_shut else zone for zone in kept]
 
 
 def check_zones(zones: Sequence[Zone]) -> None:

@@ -158,8 +158,6 @@ class RosSubscription(Generic[M]):
         """Messages that arrived faster than they were taken."""
         self.reasons: Counter[str] = Counter()
         """How many messages were refused, by `too_large`, `no_sender` and `malformed`."""
-        self.last_refusal = ""
-        """Why, of the last one that was."""
         self.on_arrival: Callable[[], None] | None = None
         """Called on Zenoh's thread after each message."""
         self._kind = kind
@@ -184,10 +182,10 @@ class RosSubscription(Generic[M]):
             try:
                 sender = Attachment.unpack(attached)
                 received.append(ReceivedMessage(self._kind.decode(payload), sender.stamp_ns, sender.gid, sender.number))
-            except BadAttachment as error:
-                self._refuse("no_sender", str(error))
-            except BadCdr as error:
-                self._refuse("malformed", str(error))
+            except BadAttachment:
+                self._refuse("no_sender")
+            except BadCdr:
+                self._refuse("malformed")
         return received
 
     def close(self) -> None:
@@ -201,7 +199,7 @@ class RosSubscription(Generic[M]):
     def _receive(self, sample: zenoh.Sample) -> None:
         size = len(sample.payload)
         if size > self._kind.max_bytes:
-            self._refuse("too_large", f"{size} bytes: expected at most {self._kind.max_bytes}")
+            self._refuse("too_large")
             return
         attached = sample.attachment.to_bytes() if sample.attachment is not None else b""
         with self._lock:
@@ -213,10 +211,9 @@ class RosSubscription(Generic[M]):
         if self.on_arrival is not None:
             self.on_arrival()
 
-    def _refuse(self, reason: str, why: str) -> None:
+    def _refuse(self, reason: str) -> None:
         with self._lock:
             self.reasons[reason] += 1
-            self.last_refusal = why
 
 
 def _subscribe(session: zenoh.Session, key: str, qos: Qos, receive: Callable[[zenoh.Sample], None]) -> Any:

@@ -25,7 +25,6 @@ import msgspec
 
 from robrain.protocol.serial.points import LineCounts, Piece, Point
 
-BAUD = 230_400
 HEADER = b"\x54\x2c"
 POINTS = 12
 _LAYOUT = struct.Struct("<2sHH" + POINTS * "HB" + "HHB")

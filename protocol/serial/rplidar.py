@@ -20,7 +20,6 @@ import msgspec
 
 from robrain.protocol.serial.points import LineCounts, Piece, Point
 
-BAUD = 115_200
 """Of the A1 and A2M8; the A2M12 and A3 have 256,000."""
 STOP, SCAN = b"\xa5\x25", b"\xa5\x20"
 MOTOR = bytes.fromhex("a5f0029402c1")

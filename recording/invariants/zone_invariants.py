@@ -60,10 +60,10 @@ class ZonesObeyed(InvariantJudge):
             for zone in self._zones.values():
                 if not zone.binds(now.robot):
                     continue
-                if zone.kind is ZoneKind.RESERVED:
-                    self._judge_alone(now, last, zone, truth, time_ns)
-                elif zone.kind is ZoneKind.KEEP_OUT:
+                if zone.keeps_out:
                     self._judge_place(now, last, zone, time_ns, is_excused=is_excused)
+                elif zone.kind is ZoneKind.RESERVED:
+                    self._judge_alone(now, last, zone, truth, time_ns)
                 elif zone.speed_m_s is not None and not is_excused and truth.sim_time_s > last_s:
                     speed_m_s = (now.distance_m - last.distance_m) / (truth.sim_time_s - last_s)
                     self._judge_speed(now, last, zone, speed_m_s, time_ns)
@@ -103,7 +103,7 @@ class ZonesObeyed(InvariantJudge):
 
     def _is_leaving(self, last: RobotTruth) -> bool:
         """Whether the robot was in a keep-out zone, perhaps another one, from which the way out leads through this."""
-        shut = (zone for zone in self._zones.values() if zone.kind is ZoneKind.KEEP_OUT and zone.binds(last.robot))
+        shut = (zone for zone in self._zones.values() if zone.keeps_out and zone.binds(last.robot))
         return any(zone.holds(_place(last)) for zone in shut)
 
     def _judge_speed(self, now: RobotTruth, last: RobotTruth, zone: Zone, speed_m_s: float, time_ns: int) -> None:

@@ -217,7 +217,9 @@ class LockstepRun:
             party=COORDINATOR,
         )
         journal = self.team_faults.disk.open()
-        self.coordinator = Coordinator(wire, journal, self._planning, self._rules, missions=self._missions)
+        self.coordinator = Coordinator(
+            wire, journal, self._planning, self._rules, missions=self._missions, floor=self.world.floor
+        )
         return self.coordinator
 
     def _end_coordinator(self, coordinator: Coordinator) -> None:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
-from robrain.sim.maps.floor_plan import MAX_CELLS, FloorPlan, MapError, size_refusal
+from robrain.recording.errors import MapError
+from robrain.recording.reader.map_server import MAX_CELLS, size_refusal
+from robrain.sim.maps.floor_plan import FloorPlan
 
 BOUNDARY_THICKNESS_M = 0.1
 

@@ -7,30 +7,19 @@ from origin_x_m + col · resolution_m to one resolution_m more, y likewise.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from robrain.algorithms.mapping.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.geometry import Point2D
-
-
-class MapError(ValueError):
-    """A map, a drawing or a floor plan that cannot be used, reported in one sentence that names file and key."""
+from robrain.recording.errors import MapError
+from robrain.recording.reader.map_server import read_free
 
 
 class PlacementError(MapError):
     """A floor plan has no room for a robot, a mote or a charger."""
-
-
-TEAM_RESOLUTION_M = 0.1
-"""Pitch of the team's grid on a simulated floor."""
-MAX_CELLS = 20_000_000
-"""Largest number of cells of a floor plan."""
-MAX_AREA_M2 = MAX_TEAM_CELLS * TEAM_RESOLUTION_M**2
-MAX_ORIGIN_M = 1e5
-"""Largest distance of a floor's origin from 0, along each axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +133,8 @@ def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArr
     return np.ascontiguousarray(distance[1::2, 1::2]) * (resolution_m / 2)
 
 
-def size_refusal(width_m: float, height_m: float) -> str:
-    """The error text for a floor too large to map; empty if a team can map it."""
-    if width_m * height_m <= MAX_AREA_M2:
-        return ""
-    return f"expected a floor of at most {MAX_AREA_M2:.0f} m², got {width_m:g} × {height_m:g} m"
+def load_map(path: Path) -> FloorPlan:
+    """The floor plan of a map_server YAML file, named after the file (MapError as `read_free`)."""
+    free, settings = read_free(path)
+    origin_x_m, origin_y_m, _ = settings.origin
+    return FloorPlan(~free, settings.resolution, origin_x_m, origin_y_m, path.stem)

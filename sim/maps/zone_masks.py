@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robrain.protocol.model.zone import Corner, Zone, ZoneKind
-from robrain.sim.maps.map_server import MapSettings, read_occupancy
+from robrain.recording.reader.map_server import MapSettings, read_occupancy
 
 CELL_M = 0.1
 """Cells of a mask are merged to squares of at least this size, as the cells of the team's map: thin lines hold too."""

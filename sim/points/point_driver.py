@@ -6,11 +6,10 @@ from typing import Annotated
 from msgspec import Meta
 
 from robrain.agent.action import Action, Actions
-from robrain.agent.event import Event
-from robrain.agent.plugin import Unit, external
+from robrain.agent.plugin import external
 from robrain.plugins.unit.driver.driver import PATH_BLOCKED, Driver
-from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise
-from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
+from robrain.plugins.unit.driver.interface import DriverInterface, Motion, MotionUnit, OdometryNoise
+from robrain.protocol.messages.robots.action_messages import ActionId
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from robrain.protocol.model.ranges import Metres, Radians
 from robrain.sim.points.point_team import POINT_TICK_S, robot_of
@@ -18,16 +17,13 @@ from robrain.sim.points.point_team import POINT_TICK_S, robot_of
 POINTS_MAX = 100_000
 
 
-class PointDriver(Unit):
+class PointDriver(MotionUnit):
     """Drives the point; the frame odom is the arena frame."""
 
     Parameters = Driver.Parameters
     interface = DriverInterface
     period_s = POINT_TICK_S
     parameters: Driver.Parameters
-    arrived = Event[Point2D](outside=True)
-    progress = Event[ActionProgress](outside=True)
-    finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
         self._robot = robot_of(self.env)
@@ -40,7 +36,7 @@ class PointDriver(Unit):
 
     def step(self) -> None:
         if self._action is not None and not self._action.is_running:  # ended from elsewhere, as by a halt
-            self._stop_robot()
+            self._stop_moving()
         if self._goal is None:
             return
         self._robot.command()
@@ -48,16 +44,16 @@ class PointDriver(Unit):
             self._end(self._goal)
         elif self._action is not None and self.blocked_s() > self.parameters.patience_s:
             action = self._action
-            self._stop_robot()
+            self._stop_moving()
             action.fail(f"{PATH_BLOCKED} for {self.parameters.patience_s:g} s")
         elif self._action is not None and self._length_m > 0.0:
             self._action.progress(1.0 - self._robot.remaining_m() / self._length_m)
 
     def deactivate(self) -> None:
-        self._stop_robot()
+        self._stop_moving()
 
     def emergency_halt(self) -> None:
-        self._stop_robot()
+        self._stop_moving()
 
     def follow(self, path: list[Point2D], fastest_m_s: float = math.inf, *, is_narrow: bool = False) -> None:
         """See DriverInterface."""
@@ -67,7 +63,7 @@ class PointDriver(Unit):
         if path:
             self._set_out(path, fastest_m_s)
         else:
-            self._stop_robot()
+            self._stop_moving()
 
     @external
     def drive_path(self, points: Annotated[list[Point2D], Meta(min_length=1, max_length=POINTS_MAX)]) -> ActionId:
@@ -94,21 +90,6 @@ class PointDriver(Unit):
         return self._start("turn", [Point2D(pose.x_m, pose.y_m)], pose.yaw_rad + angle_rad)
 
     @external
-    def cancel(self, action: str) -> bool:
-        """Cancel this action and stand still; False if it is not running."""
-        if not self._actions.cancel(action):
-            return False
-        self._stop_robot()
-        return True
-
-    @external
-    def stop(self) -> None:
-        """Stand still."""
-        caller = self.env.caller
-        self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
-        self._stop_robot()
-
-    @external
     def motion(self) -> Motion:
         """Present motion of the driver."""
         if self._goal is None:
@@ -123,14 +104,6 @@ class PointDriver(Unit):
     def blocked_reason(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
         return PATH_BLOCKED if self.blocked_s() > 0.0 else ""
-
-    def squeezes(self) -> bool:
-        """No place is narrow for a point."""
-        return False
-
-    def gap_m(self) -> float | None:
-        """No gap is too narrow for a point."""
-        return None
 
     @external
     def pose(self) -> Pose2D:
@@ -170,7 +143,7 @@ class PointDriver(Unit):
         self._goal, self._yaw_rad = path[-1], None
         self._robot.follow(path, min(fastest_m_s, self.parameters.speed_m_s))
 
-    def _stop_robot(self) -> None:
+    def _stop_moving(self) -> None:
         self._action = self._goal = None
         self._robot.stop()
 
@@ -178,7 +151,7 @@ class PointDriver(Unit):
         action, yaw_rad = self._action, self._yaw_rad
         if yaw_rad is not None:
             self._robot.face(yaw_rad)
-        self._stop_robot()
+        self._stop_moving()
         self.arrived.notify(goal)
         if action is not None:
             action.done(self._robot.pose)

@@ -12,17 +12,23 @@ from pathlib import Path
 from typing import Any, Self
 
 import msgspec
+import numpy as np
 import zenoh
 
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
+from robrain.algorithms.slam.floor_map import FloorMap, floor_of_cells
 from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
+from robrain.protocol.toml_text import toml_of
+from robrain.recording.errors import MapError, RecordingError
 from robrain.recording.provenance import MAP_YAML_ATTACHMENT, RunSetup
+from robrain.recording.reader.floor_file import read_floor
 from robrain.sim.errors import ScenarioError
 from robrain.sim.faults.fault_spec import FaultSpec, faults_refusal
 from robrain.sim.firmware.disturbance import DisturbanceSpec
@@ -30,8 +36,7 @@ from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
 from robrain.sim.lockstep.pacing import Pacer, StopOnInterrupt
 from robrain.sim.lockstep.result import RobotResult, RunResult
 from robrain.sim.maps.drawing import FloorDrawing, rasterise
-from robrain.sim.maps.floor_plan import FloorPlan, MapError
-from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.floor_plan import FloorPlan, load_map
 from robrain.sim.maps.placement import Starts
 from robrain.sim.maps.surfaces import SurfaceSpec
 from robrain.sim.motes.gateway import check_gateways
@@ -54,7 +59,7 @@ ALIKE = ("chargers", "rules", "missions", "faults", "surfaces", "disturbance", "
 """Fields that a scenario's file has too."""
 PLACED = ("robots", "motes", "near", "seed", "hardware", "network", "chargers", "starts", "mote_places")
 """Fields that its robots and motes are placed by."""
-OF_WORLD = ("faults", "surfaces", "disturbance", "starts_known", "idle", "tasks", "links", "fidelity")
+OF_WORLD = ("faults", "surfaces", "disturbance", "starts_known", "tasks", "links", "fidelity")
 """Fields that its world has too."""
 
 
@@ -71,9 +76,13 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     starts: Starts = Starts.TOGETHER
     """Together or scattered over the floor."""
     starts_known: bool = True
-    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
+    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame. On a
+    known floor no robot does."""
     idle: bool = False
     """Whether the team explores only if a task requests it."""
+    known_floor: bool | Path = False
+    """Whether the team knows the floor and does not explore it. A path names a map_server file, or the recording of an
+    earlier run: the team knows its map."""
     hardware: RobotHardware = RobotHardware()
     """Hardware of each robot."""
     network: SensorNetwork = SensorNetwork()
@@ -167,6 +176,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             starts=tables.team.starts,
             starts_known=tables.team.starts_known,
             idle=tables.team.idle,
+            known_floor=base / known if isinstance(known := tables.team.known_floor, str) else known,
             hardware=tables.robot,
             planning=tables.planning.with_files_of(base),
             toml=toml,
@@ -174,7 +184,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     def to_toml(self) -> str:
         """The scenario as a scenario file with every key; a floor from a map file is named `map.yaml` in it."""
-        return scenario_file.document_toml(self.document(Path(MAP_YAML_ATTACHMENT)))
+        return toml_of(self.document(Path(MAP_YAML_ATTACHMENT)))
 
     def document(self, map_file: Path | None = None) -> dict[str, Any]:
         """The tables of a scenario file with every key, as plain values; None stands for an absent key.
@@ -183,6 +193,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             map_file: names the floor if it is from a map file; None: its absolute path.
 
         """
+        known_floor = str(known.resolve()) if isinstance(known := self.known_floor, Path) else known
         near_m = (self.near.x_m, self.near.y_m) if self.near is not None else None
         tables = scenario_file.tables_type()(
             **{name: getattr(self, name) for name in ALIKE},
@@ -191,7 +202,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             ),
             floor=None if isinstance(self.floor, Path) else self.floor,
             map=MapTable(str(map_file or self.floor.resolve())) if isinstance(self.floor, Path) else None,
-            team=TeamTable(self.robots, near_m, self.starts, self.starts_known, self.idle),
+            team=TeamTable(self.robots, near_m, self.starts, self.starts_known, self.idle, known_floor),
             motes=MotesTable(
                 count=self.motes,
                 places_m=self.mote_places[: self.motes],
@@ -231,17 +242,26 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         except MapError as error:
             raise ScenarioError(str(error)) from error
 
+    def _floor(self, plan: FloorPlan) -> FloorMap | None:
+        """The floor as the team knows it (MapError, RecordingError)."""
+        if isinstance(self.known_floor, Path):
+            return read_floor(self.known_floor)
+        rows, columns = plan.occupied.shape
+        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
+        return floor_of_cells(geometry, np.where(plan.occupied, OCCUPIED, FREE)) if self.known_floor else None
+
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
         if self.fidelity is Fidelity.POINTS and (refused := {fault.kind for fault in self.faults} - POSSIBLE):
             raise ScenarioError(f'{self.name}: faults: expected no {min(refused)} with fidelity "points"')
         try:
             plan = self.plan()
+            floor = self._floor(plan)
             world = build_world(plan, specs=self.roster, **{name: getattr(self, name) for name in PLACED})
             discs = [robot.disc for robot in world.robots]
             has_traffic = self.traffic.is_on and self.fidelity is Fidelity.FULL
             traffic = plan_traffic(self.traffic, plan, discs, self.seed) if has_traffic else None
-        except MapError as error:
+        except (MapError, RecordingError) as error:
             raise ScenarioError(str(error)) from error
         robots, gateways = [robot.name for robot in world.robots], self.network.motes.gateways
         check_gateways(gateways, robots, world.motes, self.name)
@@ -256,7 +276,10 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
                     f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
                 )
         added = [one for table in self.added.values() for one in (table if isinstance(table, tuple) else (table,))]
-        return replace(world, traffic=traffic, added=tuple(added), **{name: getattr(self, name) for name in OF_WORLD})
+        same = {name: getattr(self, name) for name in OF_WORLD}
+        return replace(
+            world, traffic=traffic, added=tuple(added), floor=floor, idle=self.idle or floor is not None, **same
+        )
 
     def team(
         self,

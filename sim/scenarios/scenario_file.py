@@ -13,8 +13,8 @@ from msgspec import Meta
 from robrain.coordinator.parts.mission_forms import check_files_missions
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.errors import BadToml
-from robrain.protocol.file_mistakes import unknown_name
-from robrain.protocol.model.checked import Checked, convert
+from robrain.protocol.file_mistakes import tables_of
+from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Positive
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule, check_rules
@@ -79,10 +79,14 @@ class TeamTable(Checked, frozen=True, forbid_unknown_fields=True):
     starts: Starts = Starts.TOGETHER
     """Placement of the robots at the start."""
     starts_known: bool = True
-    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame."""
+    """Whether robots know their start poses. If not, only the first robot does: its start defines the arena frame. On a
+    known floor no robot does."""
 
     idle: bool = False
     """Whether the team explores only if a task requests it; it is then there for tasks, scripts and manual control."""
+    known_floor: bool | str = False
+    """Whether the team knows the floor and does not explore it. A path names a map_server file, or the recording of an
+    earlier run: the team knows its map. It is relative to the scenario file."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -177,23 +181,11 @@ def scenario_document(tables: ScenarioTables) -> dict[str, Any]:
     return found
 
 
-def document_toml(document: dict[str, Any]) -> str:
-    """The TOML text of a document, from which `parse_scenario` makes the same tables again."""
-    return msgspec.toml.encode(_without_none(document)).decode()
-
-
 def _plain_number(value: Any) -> Any:
     """A number of Python's own for one of NumPy's, which scripts may have calculated with."""
     if isinstance(value, np.generic):
         return value.item()
     raise NotImplementedError(f"a {type(value).__name__} cannot be written to a scenario file")
-
-
-def _without_none(value: Any) -> Any:
-    """Tables without the keys that are None: TOML leaves them out."""
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return [_without_none(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def builtin_names() -> list[str]:
@@ -229,8 +221,6 @@ def read_scenario_file(path: Path) -> tuple[ScenarioTables, str]:
     """
     try:
         text = read_toml_text(path, LARGE)
-    except FileNotFoundError as error:
-        raise ScenarioError(f"{path}: no such scenario file") from error
     except BadToml as error:
         raise ScenarioError(f"{path}: {error}") from error
     return parse_scenario(text, str(path)), text
@@ -244,14 +234,6 @@ def parse_scenario(text: str, where: str) -> ScenarioTables:
 
     """
     try:
-        document = parse_toml(text, LARGE)
+        return tables_of(parse_toml(text, LARGE), tables_type())
     except BadToml as error:
         raise ScenarioError(f"{where}: {error}") from error
-    try:
-        return convert(document, tables_type())
-    except msgspec.ValidationError as error:
-        if unknown := unknown_name(document, tables_type()):
-            raise ScenarioError(f"{where}: {unknown}") from error
-        what, _, key = str(error).replace(" | null`", "`").partition(" - at `$")  # TOML has no null: it leaves keys out
-        key = key.rstrip("`").lstrip(".")
-        raise ScenarioError(f"{where}: {f'{key}: ' if key else ''}{what}") from error

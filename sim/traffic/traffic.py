@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from robrain.protocol.messages.team.arena_messages import BodyKind, BodyTruth
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.sim.maps.floor_plan import FloorPlan, MapError
+from robrain.recording.errors import MapError
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.traffic.specs import (
     FRICTION,
     MOVER_COLLISION,

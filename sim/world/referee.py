@@ -26,7 +26,8 @@ from robrain.protocol.model.accuracy import MapAccuracy, PoseAccuracy
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.sim.maps.floor_plan import TEAM_RESOLUTION_M, FloorPlan
+from robrain.recording.reader.map_server import TEAM_RESOLUTION_M
+from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.robot.robot_body import Body
 
 PATCHES_A_STEP = 4096
@@ -55,7 +56,7 @@ class Referee:
         starts: starts of the robots, arena frame.
         clearance_m: least clearance of the robots, which decides their reachable area
             (`algorithms/navigation/clearance.py`).
-        geometry: the team's grid; patches for another are refused and counted in `refused_patches`.
+        geometry: the team's grid; patches for another are ignored.
         endpoint: endpoint on which the patches arrive.
 
     """
@@ -66,7 +67,6 @@ class Referee:
         self._atlas = SubmapAtlas(geometry)
         self.grid = self._atlas.grid
         """The team's map."""
-        self._misfits = 0
         self._inbox = Inbox(PATCHES_A_STEP)
         self._weights = floor_weights(plan, starts, clearance_m, geometry)
         self._cell_m2 = plan.resolution_m**2
@@ -80,11 +80,6 @@ class Referee:
     def explored_fraction(self) -> float:
         """Share of the reachable floor's area whose team cell is known, 0 to 1, as of the last `step()`."""
         return self._fraction
-
-    @property
-    def refused_patches(self) -> int:
-        """Patches that do not decode, are for another grid, or are not plausible."""
-        return self._misfits + self._inbox.refused
 
     @property
     def submaps(self) -> Mapping[tuple[str, int], Submap]:
@@ -101,7 +96,7 @@ class Referee:
             try:
                 merge_message(self._atlas, in_own_time(received.message, self._clock.now_ns()))
             except ValueError:
-                self._misfits += 1
+                continue  # a patch that cannot be merged counts as not seen
         if self.grid.version != self._version and self._total:
             self._version = self.grid.version
             self._fraction = int(self._weights[self.grid.known()].sum()) / self._total

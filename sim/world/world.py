@@ -16,6 +16,7 @@ from robrain.agent.host.agent_host import stock_place
 from robrain.agent.host.robot_file import RobotFile, RobotTable, ZenohTable
 from robrain.agent.lifecycle.plugin_folders import PluginFolders
 from robrain.algorithms.exploration.strategies import NO_EXPLORATION
+from robrain.algorithms.slam.floor_map import FloorMap
 from robrain.plugins.device.scan.lidar_device import Mount
 from robrain.protocol.keys import DEFAULT_TEAM
 from robrain.protocol.model.checked import Checked
@@ -78,7 +79,7 @@ class World:
     disturbance: DisturbanceSpec = DisturbanceSpec()  # noqa: RUF009 - immutable, so a shared default is safe
     """Late frames and scans, paused agents."""
     starts_known: bool = True
-    """Whether robots know their start poses; if not, only the first robot does."""
+    """Whether robots know their start poses; if not, only the first robot does, or none on a known floor."""
     idle: bool = False
     """Whether robots without a coordinator explore only if a task requests it."""
     tasks: tuple[TaskSpec, ...] = ()
@@ -88,6 +89,8 @@ class World:
     links: LinkSpec | None = None
     """Links between members; None if every component receives all messages."""
     fidelity: Fidelity = Fidelity.FULL
+    floor: FloorMap | None = None
+    """The floor as the team knows it before the run; None if it has to explore."""
     added: "tuple[AddedTable, ...]" = ()
     """Tables of other distributions."""
 
@@ -113,7 +116,8 @@ class World:
         An agent that is restarted during the run does not know its robot's pose.
         """
         geometry = team_geometry(self.plan)
-        start, is_known = robot.start, not is_restart and (self.starts_known or robot is self.robots[0])
+        is_given = self.starts_known or (robot is self.robots[0] and self.floor is None)
+        start, is_known = robot.start, is_given and not is_restart
         if not is_known:
             width_m, height_m = self.plan.size_m
             start = Pose2D(self.plan.origin_x_m + 0.5 * width_m, self.plan.origin_y_m + 0.5 * height_m, 0.0)

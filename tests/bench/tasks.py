@@ -13,6 +13,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.lab.bench.figure import Figure, at_most, timing
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import RobotState, TaskStatus
@@ -85,7 +86,7 @@ def _steps() -> list[Figure]:
         roster = Roster()
         book = TaskBook(clock, 0, lambda _event: None)
         capabilities = Capabilities(wire)
-        lifecycle = TaskLifecycle(wire, book, roster, capabilities, Parts())
+        lifecycle = TaskLifecycle(wire, book, roster, capabilities, Parts(), TeamMap())
         for number in range(TASKS):
             book.add(_visit(f"t{number}", after=(f"t{number - 1}",) if number % 3 == 2 else ()))
         for number in range(ROBOTS):

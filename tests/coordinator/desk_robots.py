@@ -110,7 +110,7 @@ class DeskRobot(FakeRobot):
         return self._team.clock.now_ns()
 
     def _new_desk(self) -> None:
-        self.desk = RobotTasks()
+        self.desk = RobotTasks(lambda: [self.name])
         for kind in ("visit", "explore", "recharge"):
             self.desk.register(kind, self._begin, lambda _why: None)
 

@@ -24,7 +24,8 @@ from robrain.protocol.messages.robots.robot_messages import BatteryState, Plugin
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT, TaskEvent
 from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskChange, TaskExplanation, TaskRecord
 from robrain.protocol.messages.team.arena_messages import ARENA_TRUTH, ArenaTruth
-from robrain.protocol.messages.team.team_messages import HALT, Halt
+from robrain.protocol.messages.team.service_messages import RobotLabel
+from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, HALT, Halt, RobotSummary, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.dashboard.test_shown_team import tell
@@ -214,3 +215,10 @@ def evil_view(halted: bool) -> ShownTeam:
     reading = MoteReading(mote=EVIL, place=None, quantity=EVIL, value=1.0, voltage_v=2.0, rssi_dbm=-1, via=EVIL)
     view.motes[EVIL] = ShownMote(EVIL, readings={EVIL: reading})
     return view
+
+
+def test_a_renamed_robot_is_shown_by_both_names():
+    view, label = ShownTeam(), RobotLabel("Picker", "ann")
+    robots = [RobotSummary(name="r1", up=True, age_s=0.0, label=label)]
+    tell(view, COORDINATOR_STATE, TeamState(robots=robots))
+    assert Page(robots_html(view, 0.0)).values["robot-name"] == "Picker (r1)"

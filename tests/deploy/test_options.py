@@ -37,6 +37,27 @@ def test_a_start_off_the_map_is_refused(folder: Path, near: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "map_file", "floor", "known_floor"),
+    [
+        ("room.toml", None, "drawn", True),
+        ("room.toml", "run.mcap", "drawn", Path("run.mcap")),
+        (None, "lab.yaml", Path("lab.yaml"), Path("lab.yaml")),
+    ],
+)
+def test_team_knows_its_floor_or_the_given_map(
+    folder: Path, name: str | None, map_file: str | None, floor: object, known_floor: object
+) -> None:
+    chosen = choose_scenario(name, map_file and Path(map_file), None, None, None, known=True)
+    assert chosen.known_floor == known_floor
+    assert (chosen.floor if isinstance(chosen.floor, Path) else "drawn") == floor
+
+
+def test_a_recording_is_no_floor_to_simulate(folder: Path) -> None:
+    with pytest.raises(UsageError, match=r"--map run\.mcap: expected a SCENARIO"):
+        choose_scenario(None, Path("run.mcap"), None, None, None, known=True)
+
+
+@pytest.mark.parametrize(
     ("strategy", "method"), [("nearest", "auction"), ("mine.py:choose", None), (None, "mine.py:Mine")]
 )
 def test_a_strategy_and_an_allocator_are_chosen_by_name_or_file(

@@ -1,10 +1,12 @@
 """`robrain status`: one line for each robot, each reason once, and robots that have gone."""
 
+import msgspec
 import pytest
 
 from robrain.deploy.machine.team_checks import check_robot
 from robrain.deploy.supervision.team_status import RobotCondition, RobotStatus, TeamStatus, robot_status, show_status
 from robrain.protocol.messages.robots.robot_messages import PluginFault, RobotState
+from robrain.protocol.messages.team.service_messages import RobotLabel
 
 UP = [robot_status("r1", RobotState(robot="r1"))]
 FAULTS = [PluginFault(plugin=name, why="Traceback:\nOSError: no bus") for name in ("mocdevice", "driver")]
@@ -23,6 +25,11 @@ def test_one_reason_is_printed_once_for_all_robots_and_plugins(capsys: pytest.Ca
         "r2 faulted – – – 2",
         "r1, r2: mocdevice, driver do not run: OSError: no bus",
     ]
+
+
+def test_a_renamed_robot_is_shown_by_both_names(capsys: pytest.CaptureFixture[str]) -> None:
+    renamed = msgspec.structs.replace(UP[0], label=RobotLabel("Picker", "ann"))
+    assert _shown(capsys, renamed)[2].startswith("Picker (r1) up")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robrain.client.submission import submission_of
+from robrain.deploy.command_line import command_group
 from robrain.deploy.errors import UsageError
 from robrain.deploy.tasks import task_commands
 from robrain.protocol.messages.tasks.plan_messages import PlannedCharge, PlanningStatus
@@ -49,7 +50,7 @@ class Client:
 @pytest.fixture
 def client(monkeypatch):
     asked = Client()
-    monkeypatch.setattr(task_commands, "connect_team", lambda _connect, _team: nullcontext(asked))
+    monkeypatch.setattr(command_group, "connect_team", lambda _connect, _team: nullcontext(asked))
     return asked
 
 

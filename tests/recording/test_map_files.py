@@ -10,7 +10,7 @@ from robrain.protocol.model.grid_geometry import OCCUPIED, GridGeometry
 from robrain.recording.errors import RecordingError
 from robrain.recording.export.map_server_files import write_grid
 from robrain.recording.replay.player import Player
-from robrain.sim.maps.map_server import load_map
+from robrain.sim.maps.floor_plan import load_map
 
 
 def write_map(recording, path, at_s=None):

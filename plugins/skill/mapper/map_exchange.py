@@ -27,7 +27,14 @@ from robrain.protocol.border.border import Received
 from robrain.protocol.border.record_guard import RecordGuard
 from robrain.protocol.clock import AHEAD_S, BEHIND_S, to_ns
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import ROBOT_CLOSURES, ROBOT_MAP, ROBOT_MAP_WHOLE, Closures, MapPatch
+from robrain.protocol.messages.maps.map_messages import (
+    FLOOR,
+    ROBOT_CLOSURES,
+    ROBOT_MAP,
+    ROBOT_MAP_WHOLE,
+    Closures,
+    MapPatch,
+)
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE
 from robrain.protocol.model.geometry import IDENTITY
 from robrain.protocol.model.grid_geometry import GridGeometry
@@ -65,8 +72,8 @@ class MapReceiver:
         self._frames = frames
         self._inbox = Inbox(capacity=INBOX_MAX)
         self._refused: set[str] = set()
-        self._met: set[str] = set()
-        """Robots whose liveliness token has been seen."""
+        self._met = {FLOOR}
+        """Robots whose liveliness token has been seen, and the known floor."""
         self._orphans: set[SubmapKey] = set()
         """Submaps of robots that have gone since."""
         self._began_ms = 0
@@ -106,8 +113,8 @@ class MapReceiver:
         self._merge_all(self._inbox.drain())
 
     def whole(self) -> MapPatch | None:
-        """The robot's own submaps, and those of robots that are absent or were restarted, with the current time."""
-        others = self._met - {self._robot}
+        """The robot's submaps, the known floor, and submaps of absent or restarted robots, with the current time."""
+        others = self._met - {self._robot, FLOOR}
         keys = [key for key in sorted(self._atlas.submaps) if key[0] not in others or key in self._orphans]
         message = whole_map(self._robot, self._atlas, keys)
         return message and msgspec.structs.replace(message, stamp_ns=self._wire.clock.now_ns())
@@ -183,8 +190,11 @@ class MapReceiver:
         return msgspec.structs.replace(patch, parts=parts)
 
     def _was_before(self, part: MapPatch) -> bool:
-        """Whether a submap was begun before this robot started, and its cells were seen at most `WHOLE_MS` after it."""
-        return part.submap < self._began_ms and part.observed_ms <= self._began_ms + WHOLE_MS
+        """Whether a submap was begun before this robot started, and its cells were seen at most `WHOLE_MS` after it.
+
+        The known floor always was.
+        """
+        return part.robot == FLOOR or (part.submap < self._began_ms and part.observed_ms <= self._began_ms + WHOLE_MS)
 
 
 class MapSender:

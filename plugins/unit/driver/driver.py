@@ -15,7 +15,6 @@ from typing import Annotated, NamedTuple
 from msgspec import Meta
 
 from robrain.agent.action import Action, Actions
-from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.algorithms.navigation.clearance import LEAST_MARGIN_M, PREFERRED_MARGIN_M, least_clearance_m, least_gap_m
 from robrain.algorithms.navigation.obstacles import Passage
@@ -30,7 +29,7 @@ from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.answers.hand_control import HandLease
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
+from robrain.protocol.messages.robots.action_messages import ActionId
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Count, Metres, Name, Positive, Radians, Speed
@@ -180,9 +179,6 @@ class Driver(OnBase):
     interface = DriverInterface
     period_s = PERIOD_S
     parameters: Parameters
-    arrived = Event[Point2D](outside=True)
-    progress = Event[ActionProgress](outside=True)
-    finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
         limits = self.parameters

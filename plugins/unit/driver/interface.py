@@ -108,12 +108,13 @@ class DriverInterface(Protocol):
         """Radius of the round footprint."""
 
 
-class OnBase(Unit):
-    """A unit on `mocdevice`; subclasses set `_moc` and `_actions` when they are activated."""
+class MotionUnit(Unit):
+    """A unit that moves the robot by actions; subclasses set `_actions` when they are set up."""
 
-    _moc: MocDeviceInterface
+    arrived = Event[Point2D](outside=True)
+    progress = Event[ActionProgress](outside=True)
+    finished = Event[ActionEnd](outside=True)
     _actions: Actions
-    _blocked_since_ns: int | None
 
     def _stop_moving(self) -> None:
         raise NotImplementedError
@@ -132,6 +133,21 @@ class OnBase(Unit):
         caller = self.env.caller
         self._actions.cancel_all(f"{caller} stopped the driver" if caller else "the driver was told to stop")
         self._stop_moving()
+
+    def squeezes(self) -> bool:
+        """Whether the robot is in a narrow place; False where that is not known."""
+        return False
+
+    def gap_m(self) -> float | None:
+        """Width of the gap that is too narrow for the robot; None where that is not known."""
+        return None
+
+
+class OnBase(MotionUnit):
+    """A unit on `mocdevice`; subclasses set `_moc` when they are activated."""
+
+    _moc: MocDeviceInterface
+    _blocked_since_ns: int | None
 
     def blocked_s(self) -> float:
         """For how long the robot has not been able to continue."""

@@ -17,7 +17,6 @@ from rclpy.action import ActionClient
 
 from robrain.agent.action import Action, Actions
 from robrain.agent.errors import HardwareAbsent
-from robrain.agent.event import Event
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
 from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, check_topics, open_link
@@ -25,7 +24,7 @@ from robrain.plugins.unit.driver.interface import DriverInterface, Motion, Odome
 from robrain.plugins.unit.driver.path import check_range
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
-from robrain.protocol.messages.robots.action_messages import ActionEnd, ActionId, ActionProgress
+from robrain.protocol.messages.robots.action_messages import ActionId
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import Metres, Positive, Radians
 
@@ -209,9 +208,6 @@ class Ros2Navigator(OnBase):
     interface = DriverInterface
     period_s = 0.1  # and when a goal has ended
     parameters: Parameters
-    arrived = Event[Point2D](outside=True)
-    progress = Event[ActionProgress](outside=True)
-    finished = Event[ActionEnd](outside=True)
 
     def init(self) -> None:
         self._actions = Actions(self.env, self.progress, self.finished)
@@ -312,14 +308,6 @@ class Ros2Navigator(OnBase):
     def blocked_reason(self) -> str:
         """Reason why the robot cannot continue; empty if it is not blocked."""
         return self._reason if self._blocked_since_ns is not None else ""
-
-    def squeezes(self) -> bool:
-        """Whether the robot is in a narrow place: Nav2 does not report it."""
-        return False
-
-    def gap_m(self) -> float | None:
-        """Width of the gap that is too narrow for the robot: Nav2 does not report it."""
-        return None
 
     def _start(self, name: str, goal: Pose2D) -> ActionId:
         action = self._actions.start(name)

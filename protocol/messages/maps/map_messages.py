@@ -17,6 +17,8 @@ Resolution = Annotated[float, Meta(ge=1e-4, le=METRES_MAX)]
 Cells = Annotated[int, Meta(ge=0, le=1 << 24)]
 CellIndex = Annotated[int, Meta(ge=-(1 << 16), le=1 << 16)]
 Milliseconds = Annotated[int, Meta(ge=0, lt=1 << 31)]
+FLOOR = "floor"
+"""Name, in place of a robot's, under which the coordinator publishes a floor that was known before the run."""
 
 
 class MapPatch(SharedMessage, frozen=True, kw_only=True):

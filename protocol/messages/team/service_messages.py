@@ -1,8 +1,10 @@
-"""Robots that are taken out of service, and put back."""
+"""Robots that are taken out of service, put back, and renamed."""
 
 from types import NoneType
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.model.geometry import Point2D
@@ -35,9 +37,34 @@ class ServiceRelease(msgspec.Struct, frozen=True, kw_only=True):
     """Name of the requester."""
 
 
+Label = Annotated[str, Meta(max_length=63, pattern=r"^(\S(.*\S)?)?$(?!\n)")]
+
+
+class RobotRename(msgspec.Struct, frozen=True, kw_only=True):
+    """Give a robot a label, by which people know it; keys and files keep its name."""
+
+    robot: Name
+    label: Label
+    """Not the name or label of another robot; empty to remove it."""
+    by: Text = ""
+    """Name of the requester."""
+
+
+class RobotLabel(msgspec.Struct, frozen=True):
+    """Label of a robot."""
+
+    text: Label
+    """The label; empty if it was removed."""
+    by: Text = ""
+    """Name of the operator."""
+
+
 COORDINATOR_HOLD_ROBOT = Query(
     "coordinator/hold_robot", "Take a robot out of service: it gets no tasks", ServiceHold, NoneType,
     urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
 COORDINATOR_RELEASE_ROBOT = Query(
     "coordinator/release_robot", "Put a robot back into service", ServiceRelease, NoneType,
     urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip
+COORDINATOR_RENAME_ROBOT = Query(
+    "coordinator/rename_robot", "Give a robot a label for people", RobotRename, NoneType,
+    errors=(ErrorCode.REFUSED, ))  # fmt: skip

@@ -13,6 +13,7 @@ from robrain.protocol.messages.robots.robot_messages import Faults
 from robrain.protocol.messages.robots.witness_messages import Lead
 from robrain.protocol.messages.tasks.mission_messages import MissionList
 from robrain.protocol.messages.tasks.rule_messages import RuleStatus
+from robrain.protocol.messages.team.service_messages import RobotLabel
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Charge, Count, Metres, Name, Names, Quantity, Stamp, Text
 from robrain.protocol.reasons import IdleReason, MinorityReached, OutOfService, TopicStale, Unavailable, sentence_of
@@ -44,6 +45,13 @@ class RobotSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Why it has nothing to do; None if it has a task or is not available."""
     out: Unavailable | OutOfService | None = None
     """Why it is not available; None if it is."""
+    label: RobotLabel | msgspec.UnsetType = msgspec.UNSET
+    """How people call it; absent if it was not renamed."""
+
+    @property
+    def title(self) -> str:
+        """Its label and its name, for people."""
+        return f"{self.label.text} ({self.name})" if self.label else self.name
 
 
 class FrontierSummary(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from msgspec import Meta
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import ErrorCode
 from robrain.protocol.messages.message import Message
-from robrain.protocol.model.ranges import Name, Names, Stamp, Text
+from robrain.protocol.model.ranges import Name, Names, PositiveDuration, Stamp, Text
 from robrain.protocol.model.zone import ZONES_MAX, Zone
 from robrain.protocol.topic import Delivery, Query, Topic, Urgency
 
@@ -51,12 +51,18 @@ class Zones(Message, frozen=True, kw_only=True):
 
 
 class ZoneChange(msgspec.Struct, frozen=True, kw_only=True):
-    """Zones to add, to replace or to remove."""
+    """Zones to add, to replace, to remove, to clear or to open."""
 
     put: ZoneList = []
     """New zones; each replaces the zone with its name, if there is one."""
     remove: Names = []
     """Names of zones that end."""
+    clear: Names = []
+    """Names of zones that all robots leave and no robot enters until they are opened."""
+    clear_s: PositiveDuration | None = None
+    """Time after which these zones open; None if they are to be opened."""
+    open: Names = []
+    """Names of zones to open that are cleared."""
     by: Text = ""
     """Name of the requester."""
 
@@ -68,5 +74,5 @@ COORDINATOR_ZONES_NOW = Query(
     "coordinator/zones/now", "All zones of the team", NoneType, Zones, alias="coordinator_zones_now",
     urgency=Urgency.DATA_HIGH, reads_only=True)  # fmt: skip
 COORDINATOR_ZONES_CHANGE = Query(
-    "coordinator/zones/change", "Add, replace or remove zones; replies all zones", ZoneChange, Zones,
+    "coordinator/zones/change", "Add, replace, remove, clear or open zones; replies all zones", ZoneChange, Zones,
     alias="coordinator_zones_change", urgency=Urgency.DATA_HIGH, errors=(ErrorCode.REFUSED, ))  # fmt: skip

@@ -383,3 +383,12 @@ def test_nobody_takes_queued_tasks_while_a_mate_hears_the_coordinator(lost: Lost
     lost.kill()
     lost.run(2.0)
     assert all(robot.consensus.is_leaderless for robot in lost.robots)
+
+
+def test_a_task_that_names_a_robot_is_begun_by_that_robot_alone(lost: LostTeam) -> None:
+    lost.kill()
+    lost.run(3.0)
+    for name, needs in (("t1", ("r2",)), ("t2", ("r3",)), ("t3", ("r9",))):
+        kept(lost, visit(name, needs=needs))
+    lost.run(30.0)
+    assert [robot.begun for robot in lost.robots] == [[], ["t1"], ["t2"]]

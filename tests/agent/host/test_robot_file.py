@@ -43,7 +43,7 @@ def test_a_robot_file_says_what_the_agent_needs_to_know(write):
     ("old", "new", "expected"),
     [
         ('name = "r1"', "", "robot: Object missing required field `name`"),  # no name
-        ("[robot]", "[rowboat]", "file: "),  # a slip of the pen in a table
+        ("[robot]", "[rowboat]", "unknown table `rowboat`"),  # a slip of the pen in a table
         ("team =", "taem =", "robot: unknown key `taem` (did you mean `team`?)"),  # and in a key
         ('name = "r1"', 'name = "r/1"', "robot: bad robot name 'r/1': / may not"),  # a name that no key can hold
         ("tcp/127.0.0.1:7447", "127.0.0.1", "zenoh: '127.0.0.1' is not an endpoint"),  # no endpoint
@@ -62,5 +62,5 @@ def test_a_wrong_robot_file_is_refused_naming_file_and_key(write, old, new, expe
 
 
 def test_a_file_that_is_not_there_is_said_in_words(tmp_path):
-    with pytest.raises(RobotFileError, match=r"robot.toml: no such file; expected a ROBOT.toml"):
+    with pytest.raises(RobotFileError, match=r"robot.toml: there is no such file"):
         read_robot_file(tmp_path / "robot.toml")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.zone_grid import ZoneGrid, cells_in
-from robrain.algorithms.navigation.separation import separating_zones
+from robrain.algorithms.navigation.separation import Separation
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
 from robrain.protocol.model.zone import Zone, ZoneKind, check_zones
@@ -127,7 +127,7 @@ def bar(name, x0, x1, y1=3.0):
 
 def separates(*zones, place=(9.0, 1.5), robot=(1.0, 1.5)):
     classes = np.full(HALL.shape, FREE, np.int8)
-    return separating_zones(classes, HALL, zones, Point2D(*place), [Point2D(*robot)], 0.2, 0.8)
+    return Separation(classes, HALL, zones, [Point2D(*robot)], 0.2).zones_before(Point2D(*place), 0.8)
 
 
 def test_the_zones_that_separate_a_place_from_all_robots_are_named():
@@ -146,5 +146,5 @@ def test_a_door_is_free_where_its_leaf_was_seen_and_closed_while_it_does_not_ope
     assert (ZoneGrid([door], GEOMETRY).close(seen)[inside] == FREE).all()
     assert (ZoneGrid([door], GEOMETRY).close(seen)[~inside] == OCCUPIED).all()
     assert (ZoneGrid([shut], GEOMETRY).close(np.zeros_like(seen))[inside] == OCCUPIED).all()
-    with pytest.raises(ValueError, match="expected is_shut with kind = 'door' alone"):
-        Zone(name="gate", kind=ZoneKind.RESERVED, corners_m=SQUARE, is_shut=True)
+    with pytest.raises(ValueError, match="expected corners_m around an area"):
+        Zone(name="gate", kind=ZoneKind.PLACE, corners_m=SQUARE[:1], is_shut=True)

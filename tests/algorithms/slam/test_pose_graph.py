@@ -53,7 +53,6 @@ def test_a_false_loop_closure_loses_its_weight_if_it_may_be_false(may_be_false, 
     assert solution is not None
     far_m = solution.poses[4].distance_m(places[4])
     assert far_m < pulled_m if may_be_false else far_m > pulled_m
-    assert (solution.squared_residuals[-1] > 1000.0) == may_be_false
 
 
 @pytest.mark.slow
@@ -74,7 +73,6 @@ def test_no_place_near_the_solution_is_likelier_and_the_covariance_is_its_curvat
     assert solution is not None
     found = [*solution.poses, *held]
     least = cost(edges, found)
-    assert least == pytest.approx(sum(solution.squared_residuals), rel=1e-3, abs=1e-6)
     step = 1e-3
 
     def at(values):
@@ -130,7 +128,6 @@ def test_the_weight_of_a_doubtful_edge_is_that_of_dynamic_covariance_scaling():
     weight = weight_of(100.0 * (apart_m - x_m) ** 2)
     assert weight < 0.2
     assert x_m == pytest.approx(weight * (apart_m - x_m), rel=1e-3)
-    assert solution.squared_residuals == pytest.approx([100.0 * x_m**2, 100.0 * (apart_m - x_m) ** 2])
     assert solution.covariances[0][0, 0] == pytest.approx(1.0 / (100.0 * (1.0 + weight)), rel=1e-3)
 
 
@@ -140,4 +137,3 @@ def test_an_edge_is_judged_by_what_its_residual_may_be_and_weighs_as_it_is_known
     expected = solved(edge(0.0), edge(1.0, may_be_false=True, gate=LOOSE))
     assert doubted < 0.2
     assert expected.poses[0].x_m == pytest.approx(0.5, abs=1e-6)
-    assert expected.squared_residuals == pytest.approx([25.0, 25.0]), "these are weighed by the edge's information"

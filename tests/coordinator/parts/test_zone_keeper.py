@@ -5,6 +5,7 @@ from contextlib import closing
 import msgspec
 import pytest
 
+from robrain.algorithms.exploration.strategies import NO_EXPLORATION
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.clock import to_ns
@@ -20,8 +21,9 @@ from robrain.protocol.messages.team.zone_messages import (
     ZoneTurn,
 )
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.tasks.task import Task
+from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.model.zone import ZONES_MAX, Zone, ZoneKind, ZoneTable, ZoneTimes
+from robrain.protocol.reasons import ZoneShut
 
 
 def box(name, x0, y0, x1, y1, kind=ZoneKind.KEEP_OUT, **fields):
@@ -41,6 +43,10 @@ def change(team, *put, remove=()):
     return team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(put=[*put], remove=[*remove]), Zones).zones
 
 
+def clear(team, *names, for_s=None, opens=()):
+    return team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(clear=[*names], clear_s=for_s, open=[*opens]), Zones).zones
+
+
 def refusal(team, x_m, y_m):
     with pytest.raises(CallError) as refused:
         team.ask(TASK_SUBMIT, task(x_m, y_m))
@@ -49,6 +55,10 @@ def refusal(team, x_m, y_m):
 
 def task(x_m, y_m):
     return TaskSubmission(task=Task(id=f"t{x_m}-{y_m}", kind="visit", place=Point2D(x_m, y_m)))
+
+
+def reason(team, task_id):
+    return team.coordinator.tasks.find(task_id).reason
 
 
 def stored(journal):
@@ -159,15 +169,19 @@ def published(team, inbox):
 def test_a_zone_with_times_holds_only_then(team):
     """The team's clock begins at 0, on a full minute."""
     school = msgspec.structs.replace(CORNER, times=EACH_MINUTE)
-    team.begin(None, PlanningPolicy(zones=(table(school), table(MIDDLE))))
-    team.settle("r1", 8.5, 4.0)
+    team.begin(None, PlanningPolicy(zones=(table(school), table(MIDDLE)), exploration=NO_EXPLORATION))
+    robot = team.settle("r1", 5.3, 5.0)
     inbox = Inbox()
     team.asker.subscribe(inbox, COORDINATOR_ZONES)
     team.run(3.0)
     assert published(team, inbox) == (["corner", "middle"], [], {"corner": 20.0})
-    assert refusal(team, 4.0, 4.0).endswith("is in the keep-out zone corner")
-    team.run(18.0)
+    assert team.ask(TASK_SUBMIT, task(4.0, 4.1)).state is TaskState.QUEUED
+    team.run(4.0)
+    assert reason(team, "t4.0-4.1") == ZoneShut("corner")
+    assert not robot.offers
+    team.run(14.0)
     assert published(team, inbox) == (["middle"], ["corner"], {"corner": 60.0})
+    assert [offer.task.id for offer in robot.offers] == ["t4.0-4.1"]
     answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
     assert (answer.zones, answer.off) == ([MIDDLE], [school])
     assert answer.turn_text(school).startswith("from 1970-01-0")
@@ -217,3 +231,60 @@ def test_a_task_in_a_zone_without_stopping_is_refused_with_its_name(team):
     assert refusal(team, 4.0, 4.0).endswith("(4, 4) is in the no-stopping zone quick")
     change(team, box("quick", 3.0, 3.0, 4.5, 4.5, ZoneKind.NO_STOPPING, robots=("r2",)))
     team.ask(TASK_SUBMIT, task(4.0, 4.0))
+
+
+def test_a_cleared_zone_recalls_its_tasks_holds_those_behind_it_back_and_opens(team):
+    """The robot stands east of the middle. One task lies in the aisle, one west of the middle, one beside the robot."""
+    aisle = box("aisle", 7.5, 2.0, 8.0, 4.5, ZoneKind.PLACE, robots=("r2",))
+    zones = table(aisle), table(box("middle", 6.0, 0.0, 7.0, 20.0, ZoneKind.PLACE))
+    team.begin(None, PlanningPolicy(zones=zones, give_up_s=5.0, exploration=NO_EXPLORATION))
+    robot = team.settle("r1", 8.5, 4.0)
+    inbox = Inbox()
+    team.asker.subscribe(inbox, COORDINATOR_ZONES)
+    team.ask(TASK_SUBMIT, task(7.8, 4.0))
+    team.run(4.0)
+    assert robot.task.state is TaskState.RUNNING
+    clear(team, "aisle", "middle")
+    team.run(3.0)
+    assert robot.task.state is TaskState.CANCELLED
+    *_, last = inbox.drain()
+    assert [(zone.name, zone.is_shut, zone.robots) for zone in last.message.zones] == [
+        ("aisle", True, ()),
+        ("middle", True, ()),
+    ]
+    for x_m, y_m in ((5.0, 3.0), (8.6, 5.0)):
+        team.ask(TASK_SUBMIT, task(x_m, y_m))
+    team.run(5.0)
+    robot.end(TaskState.DONE)
+    team.run(10.0)
+    assert team.states() == {"t7.8-4.0": TaskState.QUEUED, "t5.0-3.0": TaskState.QUEUED, "t8.6-5.0": TaskState.DONE}
+    assert (reason(team, "t7.8-4.0"), reason(team, "t5.0-3.0")) == (ZoneShut("aisle"), ZoneShut("middle"))
+    clear(team, opens=["aisle", "middle"])
+    for _ in range(2):
+        team.run(5.0)
+        robot.end(TaskState.DONE)
+    team.run(1.0)
+    assert set(team.states().values()) == {TaskState.DONE}
+    assert team.coordinator.tasks.find("t7.8-4.0").attempts == 0
+
+
+def test_a_zone_is_cleared_for_a_time_also_by_the_next_coordinator(team, tmp_path):
+    planning = PlanningPolicy(zones=(table(FILE),))
+    with closing(Journal(tmp_path / "journal.db")) as journal:
+        team.begin(journal, planning)
+        assert [zone.is_shut for zone in clear(team, "file", for_s=20.0)] == [True]
+        team.run(2.0)
+    with closing(Journal(tmp_path / "journal.db")) as journal:
+        team.begin(journal, planning)
+        answer = team.ask(COORDINATOR_ZONES_CHANGE, ZoneChange(), Zones)
+        assert (answer.zones[0].is_shut, answer.turns) == (True, [ZoneTurn("file", to_ns(20.0))])
+        team.run(19.0)
+        assert change(team) == [msgspec.structs.replace(FILE, shut_until_ns=to_ns(20.0))]
+
+
+def test_a_zone_that_is_unknown_or_a_point_is_not_cleared(team):
+    team.begin(None, PlanningPolicy(zones=(table(Zone(name="gate", kind=ZoneKind.PLACE, corners_m=((1.0, 1.0),))),)))
+    with pytest.raises(CallError, match="there is no zone dock; known are gate"):
+        clear(team, "dock")
+    with pytest.raises(CallError, match="zone gate: expected corners_m around an area"):
+        clear(team, "gate")

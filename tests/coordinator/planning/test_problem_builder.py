@@ -10,6 +10,7 @@ from robrain.coordinator.planning.snapshot import HANDLING_S
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.reasons import SameRobot
 from tests.coordinator.planning.snapshots import open_floor_snapshot
 from tests.energy_models import energy_model
 
@@ -68,3 +69,21 @@ def test_a_job_ends_where_its_robot_will_be() -> None:
     jobs = build_problem(asked, PathLengths(None, 0.3, 1.5), PlanningPolicy()).question.jobs
     assert jobs[0].end_place == jobs[1].place
     assert jobs[1].end_place is None
+
+
+def test_two_tasks_for_the_same_robot_are_a_pair_and_a_third_one_waits_for_its_robot() -> None:
+    asked = open_floor_snapshot(1, tasks=3)
+    records = [
+        msgspec.structs.replace(record, task=msgspec.structs.replace(record.task, same_robot_as=other))
+        for record, other in zip(asked.records, ("", "t0", "t0"), strict=True)
+    ]
+    running = msgspec.structs.replace(records[0], robot="r0", state=TaskState.RUNNING)
+    found = []
+    for first in (records[0], running):
+        snapshot = msgspec.structs.replace(asked, records=(first, *records[1:]))
+        built = build_problem(snapshot, PathLengths(None, 0.3, 1.5), PlanningPolicy())
+        found.append(([(job.id, job.same_worker_as, job.after) for job in built.question.jobs], built.waiting))
+    assert found == [
+        ([("t0", "", ()), ("t1", "t0", ("t0",))], {"t2": SameRobot("t0")}),
+        ([("t0", "", ()), ("t1", "", ("t0",)), ("t2", "", ("t0",))], {}),
+    ]

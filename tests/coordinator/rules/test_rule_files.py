@@ -44,7 +44,7 @@ def test_a_file_is_read_and_written_and_read_again(tmp_path):
         ("above = 26.0", "above = 26.0\nclear_at = 27.0", "expected clear_at to be at most above = 26, got 27"),
         ("above = 26.0", "below = 26.0\nclear_at = 25.0", "expected clear_at to be at least below = 26, got 25"),
         ("above = 26.0", "rising_per_min = 0.0", "expected rising_per_min > 0, got 0"),
-        ("above = 26.0", "above = 26.0\nfor = 8.0", "rules[0].reading: Object contains unknown field `for`"),
+        ("above = 26.0", "above = 26.0\nfor = 8.0", "rules[0].reading: unknown key `for`"),
         ("above = 26.0", "above = 1.0\narea = {x_min_m = 2.0, y_min_m = 0.0, x_max_m = 1.0, y_max_m = 1.0}",
          "rules[0].reading.area: expected x_min_m below x_max_m"),
         ('name = "heat"', 'name = "too hot"', "rules[0].name: Expected `str` matching regex"),

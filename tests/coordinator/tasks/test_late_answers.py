@@ -11,6 +11,7 @@ from robrain.coordinator.tasks.task_book import TaskBook
 from robrain.coordinator.tasks.task_lifecycle import WITHDRAW_AGAIN_NS, Answered, TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.roster import Roster
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState, TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskWithdrawal
@@ -78,7 +79,7 @@ class Desk:
         self.roster = Roster()
         parts = Parts()
         parts.task_refused = lambda record, robot, _why, now_ns: self.refused.append((record.task.id, robot, now_ns))
-        self.tasks = TaskLifecycle(self.wire, self.book, self.roster, Capabilities(self.wire), parts)
+        self.tasks = TaskLifecycle(self.wire, self.book, self.roster, Capabilities(self.wire), parts, TeamMap())
         self.mail = Mail()
         self.tasks._offers = self.mail
         self.refused: list[tuple[str, str, int]] = []

@@ -117,6 +117,22 @@ def test_a_silent_robot_is_passed_by_and_without_any_answer_the_task_waits_no_lo
     assert not team.costs.is_waiting
 
 
+def test_the_next_task_of_robots_that_never_answer_does_not_wait_and_a_late_answer_counts(team: Team) -> None:
+    team.robot("r1", sweep=1)
+    team.silent = {"r1"}
+    team.follow(sweep(1))
+    team.clock.advance_to(PATIENCE_NS + 1)
+    team.follow(sweep(1))
+    team.follow(sweep(1), sweep(2, service_s=1.0))
+    assert team.costs.of(sweep(2, service_s=1.0)) == ()
+    assert team.asked[-1] == ("r1", ["s2"])
+    team.silent.clear()
+    team.follow(sweep(3, service_s=2.0))
+    assert team.costs.of(sweep(3, service_s=2.0)) == ()
+    team.follow(sweep(4, service_s=2.0))
+    assert team.costs.of(sweep(4, service_s=2.0)) == (Work(wait_s=7.0),)
+
+
 def test_answers_that_nobody_asked_for_are_not_believed(team: Team) -> None:
     team.robot("r1", sweep=1)
     team.told["s1"] = TaskCost(id="another", wait_s=1e5)

@@ -10,7 +10,7 @@ from robrain.deploy.vda5050.messages import OrderAction, Vehicle, VehicleOrder, 
 from robrain.deploy.vda5050.robot_orders import KeptOrder, RobotOrders
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.model.tasks.task import TaskState
+from robrain.protocol.model.tasks.task import Task, TaskState
 from tests.deploy.vda5050.published_schemas import mistakes
 
 ROBOT = RobotState(robot="r1", pose=Pose2D(0.0, 0.0, 0.0))
@@ -48,12 +48,17 @@ class Desk:
 
     def send(self, message: dict[str, Any]) -> bool:
         payload = msgspec.json.encode(message)
-        return self.orders.handle_order(read("order", payload, VehicleOrder), payload, ROBOT)
+        sent = read("order", payload)
+        assert isinstance(sent, VehicleOrder)
+        return self.orders.handle_order(sent, payload, ROBOT)
 
     def end(self, state: TaskState = TaskState.DONE) -> None:
-        task = self.orders.open_task()
-        assert task is not None
-        self.orders.record(task.id, state, "why")
+        one = next(one for one in self.orders.tasks.values() if not one.has_ended)
+        self.orders.record(one.task.id, state, "why")
+
+    @property
+    def tasks(self) -> list[Task]:
+        return [one.task for one in self.orders.tasks.values()]
 
     @property
     def errors(self) -> list[tuple[str, str]]:
@@ -61,15 +66,15 @@ class Desk:
 
     @property
     def remaining(self) -> list[str]:
-        return [one.node_id for one in self.orders.remaining]
+        return [one.node_id for one in self.orders.remaining[0]]
 
 
 def test_each_released_node_becomes_a_task_after_the_one_before() -> None:
     desk = Desk()
     assert desk.send(order(node(0), node(1), node(2), node(3, False)))
-    first, second = desk.orders.tasks()
-    assert (first.place.x_m, first.after) == (1.0, "")
-    assert (second.place.x_m, second.after) == (2.0, first.id)
+    first, second = desk.tasks
+    assert (first.place.x_m, first.after, first.needs) == (1.0, [], ["r1"])
+    assert (second.place.x_m, second.after) == (2.0, [first.id])
     assert desk.remaining == ["n1", "n2", "n3"]
     desk.end()
     assert desk.remaining == ["n2", "n3"]
@@ -81,11 +86,11 @@ def test_each_released_node_becomes_a_task_after_the_one_before() -> None:
 def test_an_update_replaces_the_horizon_and_continues_the_base() -> None:
     desk = Desk()
     desk.send(order(node(0), node(1), node(2, False)))
-    before = [task.id for task in desk.orders.tasks()]
+    before = desk.tasks
     desk.end()
     assert desk.send(order(node(1), node(5, sequenceId=4), update=1))
     assert desk.remaining == ["n5"]
-    assert [task.id for task in desk.orders.tasks()][:1] == before
+    assert desk.tasks[:1] == before
     desk.end()
     assert desk.orders.is_idle
     assert desk.send(order(node(0), order_id="o/2"))
@@ -96,7 +101,7 @@ def test_a_restarted_gateway_makes_the_same_tasks() -> None:
     desk.send(order(node(0), node(1), node(2)))
     kept = msgspec.json.decode(msgspec.json.encode(desk.orders.kept), type=KeptOrder)
     again = Desk(kept=kept)
-    assert [task.id for task in again.orders.to_submit()] == [task.id for task in desk.orders.tasks()]
+    assert [one.task for one in again.orders.to_ask(is_due=False)] == desk.tasks
     assert not again.send(order(node(0), node(1), node(2)))
     assert again.errors == []
 
@@ -146,8 +151,7 @@ def test_a_cancelled_order_ends_with_its_tasks_and_takes_no_update() -> None:
     assert desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
     assert desk.orders.instant["c1"].action_status == "RUNNING"
     desk.end(TaskState.CANCELLED)
-    desk.orders.finish_cancel()
-    assert desk.orders.instant["c1"].action_status == "FINISHED"
+    assert [one.action_status for one in desk.orders.instant_states()] == ["FINISHED"]
     assert desk.orders.is_idle
     assert [one.action_status for one in desk.orders.action_states(None)] == ["FAILED"]
     assert not desk.send(order(node(1), node(2), update=1))
@@ -164,7 +168,7 @@ def test_there_is_nothing_to_cancel_without_an_order() -> None:
 def test_a_wait_is_the_time_at_the_node() -> None:
     desk = Desk()
     assert desk.send(order(node(0), node(1, actions=[WAIT])))
-    (task,) = desk.orders.tasks()
+    (task,) = desk.tasks
     assert task.service_s == 2.0
     desk.orders.record(task.id, TaskState.RUNNING, "")
     states = [[one.action_status for one in desk.orders.action_states(Pose2D(x_m, 0.0, 0.0))] for x_m in (0.0, 1.0)]

@@ -38,7 +38,9 @@ class Stage:
     def tell(self, **fields: Any) -> list[tuple[str, dict[str, Any]]]:
         """The vehicle's state changes; a moment later, what the robot sends to it."""
         self.fields |= fields
-        self.robot.handle_state(read("state", msgspec.json.encode(self.fields), State), self.now_ns)
+        state = read("state", msgspec.json.encode(self.fields))
+        assert isinstance(state, State)
+        self.robot.handle_state(state, self.now_ns)
         return self.wait(0.02)
 
     def wait(self, seconds: float) -> list[tuple[str, dict[str, Any]]]:
@@ -47,7 +49,7 @@ class Stage:
         for topic, body in sent:
             message = msgspec.json.decode(self.vehicle.payload(body, 0, self.now_ns))
             assert not mistakes(self.vehicle.version, topic, message)
-        return sent
+        return [(topic, msgspec.to_builtins(body)) for topic, body in sent]
 
     def offer(self, epoch: int = 1, task: Task = TASK) -> bool:
         return self.robot.offer(TaskOffer(task=task, epoch=epoch, lease_s=1.5), self.now_ns).accepted
@@ -271,4 +273,4 @@ def test_zones_are_sent_once_and_enabled() -> None:
 def test_a_bad_state_is_refused_with_topic_and_key(change: dict[str, Any]) -> None:
     fields = {**Stage().fields, **change}
     with pytest.raises(BadVehicleMessage, match=rf"uagv/v2/acme/7/state: .*\$\.{next(iter(change))}"):
-        read("uagv/v2/acme/7/state", msgspec.json.encode(fields), State)
+        read("uagv/v2/acme/7/state", msgspec.json.encode(fields))

@@ -16,7 +16,7 @@ FOUND_BY = {
     "any_report_counts": 2,
     "halt_forgotten": 11,
     "offer_never_free": 10,
-    "strays_stay": 17,
+    "strays_stay": 18,
     "backoff_without_end": 11,
     "cancelled_forgotten": 17,
 }

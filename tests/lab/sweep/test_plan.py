@@ -9,7 +9,8 @@ import pytest
 from robrain import Scenario
 from robrain.deploy.errors import UsageError
 from robrain.lab.sweep.plan import make_plan, value_at, with_values
-from robrain.sim.scenarios.scenario_file import builtin_folder, builtin_names, document_toml
+from robrain.protocol.toml_text import toml_of
+from robrain.sim.scenarios.scenario_file import builtin_folder, builtin_names
 
 ROOT = Path(__file__).parents[3]
 DEPOT = Scenario.builtin("depot")
@@ -33,7 +34,7 @@ def test_every_combination_runs_with_every_seed() -> None:
 @pytest.mark.parametrize("name", builtin_names())
 def test_a_scenario_survives_its_own_document(name: str) -> None:
     scenario = Scenario.builtin(name)
-    again = Scenario.from_toml(document_toml(scenario.document()), base=builtin_folder())
+    again = Scenario.from_toml(toml_of(scenario.document()), base=builtin_folder())
     assert again.document() == scenario.document()
 
 

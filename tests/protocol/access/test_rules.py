@@ -46,6 +46,7 @@ ORDERS: dict[str, set[MemberRole]] = {
     "mission_start": {OP},
     "mission_cancel": {OP},
     "coordinator_hold_robot": {OP},
+    "coordinator_rename_robot": {OP},
     "coordinator_release_robot": {OP},
     "replay_control": {OP},
     "host_load": {OP},
@@ -91,6 +92,8 @@ def _may_speak(row: WireKey) -> set[MemberRole]:
         return {A, ROB}
     if row.name == "door_state":
         return {OP, A}
+    if row.name == "robot_map":
+        return {ROB, C}
     if row.name == "replay_control":
         return {OP}
     return {"robot": {ROB}, "coordinator": {C}, "operator": {REC}, "arena": {A}}[row.by]

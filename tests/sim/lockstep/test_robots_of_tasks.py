@@ -26,6 +26,16 @@ def test_the_robot_of_a_task_does_its_second_half_though_another_one_is_nearer()
         assert [(one.state, one.robot) for one in done] == [(TaskState.DONE, robot)] * 2
 
 
+def test_a_plan_gives_a_task_to_the_robot_that_can_do_its_second_half_too() -> None:
+    with explored_hall() as (_, team):
+        pose = team.state("r1").pose
+        team.submit("visit", id="pick", place=(pose.x_m, pose.y_m), earliest_in_s=2.0)
+        for task, needs in (("drop", ["r2"]), ("third", [])):
+            team.submit("visit", id=task, place=(5.0, 3.0), same_robot_as="pick", needs=needs)
+        done = team.wait_all(["pick", "drop", "third"])
+        assert [(one.state, one.robot) for one in done] == [(TaskState.DONE, "r2")] * 3
+
+
 @pytest.mark.slow
 def test_a_task_waits_while_the_other_has_no_robot_and_says_so() -> None:
     with explored_hall() as (_, team):

@@ -7,6 +7,7 @@ import pytest
 
 from robrain import Scenario, Team
 from robrain.protocol.errors import CallError
+from robrain.protocol.messages.team.service_messages import RobotLabel
 from robrain.protocol.messages.team.team_messages import RobotSummary
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
@@ -105,3 +106,22 @@ def test_a_retired_robot_is_forgotten_once_it_has_left() -> None:
 def test_a_robot_that_is_not_known_is_not_held() -> None:
     with explored_hall() as (_, team), pytest.raises(CallError, match="no such robot is known; there are: r1, r2"):
         team.hold_robot("r9")
+
+
+def test_a_renamed_robot_keeps_its_label_over_a_restart_of_the_coordinator_and_is_held_by_it() -> None:
+    with explored_hall() as (run, team):
+        team.rename_robot("r1", "Picker")
+        for taken in ("Picker", "r1"):
+            with pytest.raises(CallError, match=f"r2 is not renamed: {taken} names r1"):
+                team.rename_robot("r2", taken)
+        run.end_coordinator()
+        run.begin_coordinator()
+        team.run_for(2.0)
+        assert summary(team, "r1").title == "Picker (r1)"
+        assert summary(team, "r1").label == RobotLabel("Picker", "ann")
+        team.hold_robot("Picker")
+        team.run_for(1.0)
+        assert summary(team, "r1").why == "out of service by ann"
+        team.rename_robot("Picker", "")
+        team.run_for(1.0)
+        assert summary(team, "r1").title == "r1"

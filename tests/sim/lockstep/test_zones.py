@@ -12,6 +12,7 @@ from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.model.zone import ZoneKind, ZoneTable
+from robrain.protocol.reasons import ZoneShut
 from robrain.recording.invariants.invariant import InvariantState
 from robrain.recording.invariants.judging import Judging
 from robrain.recording.invariants.zone_invariants import ZonesObeyed
@@ -203,3 +204,35 @@ def test_a_robot_leaves_a_zone_past_one_that_has_come_to_stand_in_its_path() -> 
     """Set 2 of the benchmark: in the depot, two robots stand in a new zone, and leave it by the same door."""
     found = run_set(2)
     assert found["inside"] == found["left"] == 2
+
+
+AISLE = box("aisle", 4.0, 0.0, 6.0, 6.0, ZoneKind.PLACE)
+"""Across the whole hall."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fidelity", list(Fidelity))
+def test_robots_leave_a_cleared_zone_wait_outside_and_continue_when_it_opens(fidelity: Fidelity) -> None:
+    with hall(fidelity, PlanningPolicy(), 2) as (run, judging):
+        client = explored(run, AISLE)
+        inside = client.submit("visit", place=(5.2, 3.0), needs=["r1"], service_s=60.0)
+        behind = client.submit("visit", place=(9.0, 3.0), needs=["r2"])
+        client.run_for(60.0, until=lambda: AISLE.holds(places(run)[0]) and client.get(behind).state.ended)
+        back = client.submit("visit", place=(1.0, 3.0), needs=["r2"])
+        client.run_for(2.0)
+        assert [client.get(task).state for task in (inside, back)] == [TaskState.RUNNING] * 2
+        client.clear_zones("aisle")
+        later = client.submit("visit", place=(5.0, 2.0), needs=["r1"])
+        client.run_for(30.0)
+        for _ in range(30):
+            assert not any(AISLE.holds(place) for place in places(run))
+            client.run_for(1.0)
+        records = [client.get(task) for task in (inside, back, later)]
+        assert [(one.state, one.reason, one.attempts) for one in records] == [
+            (TaskState.QUEUED, ZoneShut("aisle"), 0)
+        ] * 3
+        assert [client.why(one.task.id).now for one in records] == ["Queued. The zone aisle is closed for now."] * 3
+        client.open_zones("aisle")
+        assert {client.wait(task, timeout_s=200.0).state for task in (inside, back, later)} == {TaskState.DONE}
+        [ruling] = judging.finish()
+        assert (ruling.state, ruling.breaches, run.arena.collisions) == (InvariantState.KEPT, [], 0)

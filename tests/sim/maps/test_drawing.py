@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from robrain.protocol.model.checked import convert
+from robrain.recording.errors import MapError
 from robrain.sim.maps.drawing import Block, FloorDrawing, Pillar, Wall, rasterise
-from robrain.sim.maps.floor_plan import MapError
 
 
 def test_empty_floor_is_closed_by_a_wall() -> None:

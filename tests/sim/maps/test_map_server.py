@@ -9,8 +9,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from robrain.sim.maps.floor_plan import MapError
-from robrain.sim.maps.map_server import load_map
+from robrain.recording.errors import MapError
+from robrain.sim.maps.floor_plan import load_map
 
 SETTINGS = {
     "image": "map.png",

@@ -11,7 +11,7 @@ from PIL import Image
 from robrain.algorithms.mapping.zone_grid import cells_in
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.zone import ZoneKind
-from robrain.sim.maps.floor_plan import MapError
+from robrain.recording.errors import MapError
 from robrain.sim.maps.zone_masks import SpeedScale, zones_of_mask
 
 KEEP_OUT = "mode: trinary\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"

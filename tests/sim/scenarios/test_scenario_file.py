@@ -108,7 +108,7 @@ def test_a_number_of_robots_that_is_none_is_refused_in_a_script_too(robots):
 def test_files_that_cannot_be_read_are_named(tmp_path: Path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
     for path, expected in (
-        ("nothing.toml", "no such scenario file"),
+        ("nothing.toml", "there is no such file"),
         ("", "cannot be read"),
         ("bytes.toml", "cannot be read"),
     ):

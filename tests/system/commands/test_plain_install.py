@@ -82,6 +82,7 @@ COMMANDS: list[tuple[str, list[str], str]] = [
     ("robot hold", ["r1"], WORKS),
     ("robot release", ["r1"], WORKS),
     ("robot pause", ["r1"], WORKS),
+    ("robot rename", ["r1", "Anna"], WORKS),
     ("robot resume", ["r1"], WORKS),
     ("mission list", [], WORKS),
     ("rule list", [], WORKS),
@@ -112,6 +113,8 @@ LACKING = [
     ("mission cancel", ["round-1"], "there is no mission round-1.*"),
     ("rule remove", ["night"], "there is no rule night; known are none"),
     ("zone remove", ["hall"], "there is no zone hall; known are none"),
+    ("zone clear", ["hall"], "there is no zone hall; known are none"),
+    ("zone open", ["hall"], "there is no zone hall; known are none"),
 ]
 """Commands that need something that is not there, and what they say of it."""
 WITH_ROS = {"tf2_msgs", "nav2_msgs", "robrain_msgs"}

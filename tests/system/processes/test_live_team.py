@@ -25,3 +25,17 @@ def test_agents_explore_a_floor_together(commands) -> None:
     speakers = {message.topic_key.split("/")[3] for message in read_messages(commands.folder / "live.mcap")
                 if message.topic_key.endswith("/state") and "/robot/" in message.topic_key}  # fmt: skip
     assert speakers == {"r1", "r2"}
+
+
+def test_team_knows_the_map_of_an_earlier_run_and_explores_nothing(commands) -> None:
+    assert commands.run("run", "arena_small", "--record", "first.mcap").returncode == 0
+    done = commands.run(
+        "up", "arena_small", "--map", "first.mcap", "--known", "--robots", "2", "--no-dashboard",
+        "--until", "explored=0.9", "--time-limit", "300", "--record", "live.mcap", "--json",
+        timeout_s=590.0,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["ended"] == "explored"
+    keys = {message.topic_key for message in read_messages(commands.folder / "live.mcap")}
+    assert any(key.endswith("/robot/floor/map") for key in keys)
+    assert not any(key.endswith("/task/event") for key in keys)

@@ -7,8 +7,6 @@ Keys, thresholds and modes as in https://wiki.ros.org/map_server and Nav2's map_
 - scale: if p, mapped linearly from free_thresh–occupied_thresh to 0–100 and rounded, is at most 0; transparent cells
   are unknown.
 - raw: if v, which is an occupancy in per cent, is at most 100 · free_thresh; negate has no effect.
-
-A floor plan holds all other cells, occupied and unknown ones, for wall.
 """
 
 import logging
@@ -24,10 +22,18 @@ from msgspec import Meta
 from numpy.typing import NDArray
 from PIL import Image
 
+from robrain.algorithms.mapping.patch_cells import MAX_CELLS as MAX_TEAM_CELLS
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Share
-from robrain.sim.maps.floor_plan import MAX_CELLS, MAX_ORIGIN_M, FloorPlan, MapError, size_refusal
+from robrain.recording.errors import MapError
 
+TEAM_RESOLUTION_M = 0.1
+"""Pitch of the team's grid on a simulated floor."""
+MAX_CELLS = 20_000_000
+"""Largest number of cells of a floor plan."""
+MAX_AREA_M2 = MAX_TEAM_CELLS * TEAM_RESOLUTION_M**2
+MAX_ORIGIN_M = 1e5
+"""Largest distance of a floor's origin from 0, along each axis."""
 YAML_BYTES_MAX = 65536
 GREY = 0.1
 """Occupancy from which a cell looks grey, thus hardly meant as free floor; map_saver's unknown cells have 0.196."""
@@ -62,8 +68,8 @@ class MapSettings(Checked, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"expected free_thresh at most occupied_thresh, {self.occupied_thresh:g}")
 
 
-def load_map(path: Path) -> FloorPlan:
-    """The floor plan of a map_server YAML file, named after the file.
+def read_free(path: Path) -> tuple[NDArray[np.bool_], MapSettings]:
+    """Free cells of a map as a floor plan has them, (H, W), row 0 at the lowest y; all others are wall.
 
     The image's path is taken relative to the YAML file. Raises MapError for anything that cannot be read as such a map
     or has no free space. Its sentence names the file, the key and the expected value.
@@ -95,9 +101,7 @@ def load_map(path: Path) -> FloorPlan:
             "If they are unknown, as map_saver writes it, set free_thresh to %g instead of %g.",
             *(path, 100 * share, counts.argmax(), below, free_thresh),
         )
-    # An image's row 0 is at the top, the grid's at the lowest y.
-    origin_x_m, origin_y_m, _ = settings.origin
-    return FloorPlan(np.flipud(~free), settings.resolution, origin_x_m, origin_y_m, path.stem)
+    return np.flipud(free), settings  # an image's row 0 is at the top
 
 
 def read_occupancy(path: Path) -> tuple[NDArray[np.int64], MapSettings]:
@@ -198,3 +202,10 @@ def _channel_mean(image: Image.Image, *, alpha_counts: bool) -> tuple[NDArray[np
 
 def _one_line(error: Exception | str) -> str:
     return " ".join(str(error).split())[:300] or type(error).__name__
+
+
+def size_refusal(width_m: float, height_m: float) -> str:
+    """The error text for a floor too large to map; empty if a team can map it."""
+    if width_m * height_m <= MAX_AREA_M2:
+        return ""
+    return f"expected a floor of at most {MAX_AREA_M2:.0f} m², got {width_m:g} × {height_m:g} m"

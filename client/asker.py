@@ -1,9 +1,9 @@
-"""Queries to robots and the coordinator on worker threads: a slow one delays neither the drawing nor the halt."""
+"""Queries to robots and the coordinator on worker threads: a slow one does not delay the caller's loop."""
 
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import zenoh
 
@@ -17,7 +17,8 @@ WAITING_MAX = 64
 TIMEOUT_S = 5.0
 
 
-Then = Callable[[R | None, str], None]
+A = TypeVar("A")
+Then = Callable[[A | None, str], None]
 """Receives the reply of a query; or None, and the reason why there is none."""
 
 
@@ -39,9 +40,11 @@ class Asker:
         self, topic: Query[Q, R], request: Q | None, then: Then[R], *, timeout_s: float = TIMEOUT_S, **names: str
     ) -> None:
         """Ask one key; `then` gets the answer. Called by the thread that delivers."""
-        endpoint = self._endpoint
-        if endpoint is None:
-            return
+        if (endpoint := self._endpoint) is not None:
+            self.call(lambda: endpoint.ask(topic, request, timeout_s=timeout_s, **names), then)
+
+    def call(self, function: Callable[[], A], then: Then[A]) -> None:
+        """Call a function that asks; `then` gets its result. Called by the thread that delivers."""
         self._waiting += 1
         if self._waiting > WAITING_MAX:
             self._answers.append((then, None, "too many questions wait for an answer already; try again"))
@@ -49,7 +52,7 @@ class Asker:
 
         def work() -> None:
             try:
-                reply = endpoint.ask(topic, request, timeout_s=timeout_s, **names)
+                reply = function()
             except (RobrainError, zenoh.ZError) as error:
                 self._answers.append((then, None, str(error)))
             else:
