@@ -130,60 +130,44 @@ def place_charges(
             earliest_s, latest_s = graph.nodes[target, EARLIEST_S], graph.nodes[target, LATEST_S]
             service_s, service_j = graph.nodes[target, SERVICE_S], graph.nodes[target, SERVICE_J]
             least_j = graph.reach_j[worker, target]
-        # First directly and by one charger, then, if neither is possible, by two.
-        for stops in (1, 2):
-            if kept[step + 1] > 0 or (stops == 2 and charge_w <= 0.0):
-                break
-            for row in range(kept[step]):
-                for first in range(-1 if stops == 1 else 0, NEAREST if stops == 1 else chargers):
-                    here, spent_j, now_s, left_j = (
-                        node,
-                        labels[step, row, 0],
-                        labels[step, row, 1],
-                        labels[step, row, 2],
+        for row in range(kept[step]):
+            for choice in range(-1, NEAREST if charge_w > 0.0 else 0):
+                stop = -1 if choice < 0 else near[node, target, choice]
+                if choice >= 0 and (stop < 0 or not graph.charges[worker, stop]):
+                    continue
+                # A charger before one that can be reached without it costs more energy and time, and gains nothing.
+                is_far = stop >= 0 and labels[step, row, 2] < leg_j[node, visits + stop] - SLACK_J
+                for way in range(NEAREST if is_far else 1):
+                    first = near[node, visits + stop, way] if is_far else -1
+                    if is_far and (first < 0 or not graph.charges[worker, first]):
+                        continue
+                    here, spent_j, now_s, left_j = node, labels[step, row, 0], labels[step, row, 1], labels[step, row, 2]
+                    for charger in (first, stop):
+                        if charger >= 0:
+                            at = visits + charger
+                            left_j -= leg_j[here, at]
+                            if left_j < -SLACK_J:
+                                break
+                            spent_j += leg_j[here, at]
+                            now_s += leg_s[here, at] + (full_j - left_j) / charge_w
+                            here, left_j = at, full_j
+                    start_s = max(now_s + leg_s[here, target], earliest_s)
+                    more_j = leg_j[here, target] + service_j
+                    if not (left_j >= -SLACK_J and start_s <= latest_s + SLACK_S and left_j - more_j >= least_j - SLACK_J):
+                        continue
+                    new = _keep(
+                        labels[step + 1],
+                        parents[step + 1],
+                        kept,
+                        step + 1,
+                        spent_j + more_j,
+                        start_s + service_s,
+                        left_j - more_j,
                     )
-                    stop = other = -1
-                    if first >= 0:
-                        stop = first if stops == 2 else near[node, target, first]
-                        if stop < 0 or not graph.charges[worker, stop]:
-                            continue
-                        at = visits + stop
-                        left_j -= leg_j[node, at]
-                        if left_j < -SLACK_J:
-                            continue
-                        spent_j += leg_j[node, at]
-                        now_s += leg_s[node, at] + (full_j - left_j) / charge_w
-                        here, left_j = at, full_j
-                    for second in range(NEAREST if stops == 2 else 1):
-                        last, last_j, last_s, last_left_j = here, spent_j, now_s, left_j
-                        if stops == 2:
-                            other = near[here, target, second]
-                            if other < 0 or other == stop or not graph.charges[worker, other]:
-                                continue
-                            at = visits + other
-                            last_left_j -= leg_j[here, at]
-                            if last_left_j < -SLACK_J:
-                                continue
-                            last_j += leg_j[here, at]
-                            last_s += leg_s[here, at] + (full_j - last_left_j) / charge_w
-                            last, last_left_j = at, full_j
-                        start_s = max(last_s + leg_s[last, target], earliest_s)
-                        more_j = leg_j[last, target] + service_j
-                        if not (start_s <= latest_s + SLACK_S and last_left_j - more_j >= least_j - SLACK_J):
-                            continue
-                        new = _keep(
-                            labels[step + 1],
-                            parents[step + 1],
-                            kept,
-                            step + 1,
-                            last_j + more_j,
-                            start_s + service_s,
-                            last_left_j - more_j,
-                        )
-                        if new >= 0:
-                            parents[step + 1, new, 0] = row
-                            parents[step + 1, new, 1] = stop
-                            parents[step + 1, new, 2] = other
+                    if new >= 0:
+                        parents[step + 1, new, 0] = row
+                        parents[step + 1, new, 1] = first
+                        parents[step + 1, new, 2] = stop
         if kept[step + 1] == 0:
             return -1
     row = 0
