@@ -1,8 +1,9 @@
 """Recharges within routes: the charges that an order of visits needs, at the least energy.
 
 A worker with `chargers` may charge between two visits, always to `full_j`. The charges of a given order are a
-shortest path with resources. Labels (joules spent, time, joules left) are extended from visit to visit: directly, by
-one charger, or by two in a row where one does not suffice. A label that is no better in any of the three is dropped.
+shortest path with resources. A label has the joules spent, the time and the joules left. It is extended to the next
+visit directly, by one charger, or by two in a row where the second is too far away. Labels that are better in none of
+the three are dropped.
 Source: Montoya, Guéret, Mendoza, Villegas: The Electric Vehicle Routing Problem with Nonlinear Charging Function,
 Transportation Research B 103, 2017, section 4.4 (fixed route vehicle charging problem).
 """
@@ -137,11 +138,12 @@ def place_charges(
                     continue
                 # A charger before one that can be reached without it costs more energy and time, and gains nothing.
                 is_far = stop >= 0 and labels[step, row, 2] < leg_j[node, visits + stop] - SLACK_J
-                for way in range(NEAREST if is_far else 1):
-                    first = near[node, visits + stop, way] if is_far else -1
+                for nearest in range(NEAREST if is_far else 1):
+                    first = near[node, visits + stop, nearest] if is_far else -1
                     if is_far and (first < 0 or not graph.charges[worker, first]):
                         continue
-                    here, spent_j, now_s, left_j = node, labels[step, row, 0], labels[step, row, 1], labels[step, row, 2]
+                    here, label = node, labels[step, row]
+                    spent_j, now_s, left_j = label[0], label[1], label[2]
                     for charger in (first, stop):
                         if charger >= 0:
                             at = visits + charger
@@ -151,19 +153,11 @@ def place_charges(
                             spent_j += leg_j[here, at]
                             now_s += leg_s[here, at] + (full_j - left_j) / charge_w
                             here, left_j = at, full_j
-                    start_s = max(now_s + leg_s[here, target], earliest_s)
-                    more_j = leg_j[here, target] + service_j
-                    if not (left_j >= -SLACK_J and start_s <= latest_s + SLACK_S and left_j - more_j >= least_j - SLACK_J):
+                    start_s, more_j = max(now_s + leg_s[here, target], earliest_s), leg_j[here, target] + service_j
+                    spent_j, end_s = spent_j + more_j, start_s + service_s
+                    if left_j < -SLACK_J or start_s > latest_s + SLACK_S or left_j - more_j < least_j - SLACK_J:
                         continue
-                    new = _keep(
-                        labels[step + 1],
-                        parents[step + 1],
-                        kept,
-                        step + 1,
-                        spent_j + more_j,
-                        start_s + service_s,
-                        left_j - more_j,
-                    )
+                    new = _keep(labels[step + 1], parents[step + 1], kept, step + 1, spent_j, end_s, left_j - more_j)
                     if new >= 0:
                         parents[step + 1, new, 0] = row
                         parents[step + 1, new, 1] = first

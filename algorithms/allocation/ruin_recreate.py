@@ -390,7 +390,7 @@ def ruin(
 
 
 class Inserted(NamedTuple):
-    """What the insertion of V visits by W workers depends on, besides the graph."""
+    """V visits to be inserted into the routes of W workers."""
 
     pair: Indices
     """(V,) the other half of a pickup and delivery; -1 if there is none."""
