@@ -579,7 +579,7 @@ def search(
 
 STEPS = 20
 """Steps that count as one iteration."""
-FIRST_PATHS, LAST_PATHS = 0.3, 0.003
+FIRST_PATHS, LAST_PATHS = 1.0, 0.01
 """First and last temperature, in median paths."""
 REQUIRED_J = 1e12
 
