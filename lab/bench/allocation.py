@@ -1,8 +1,8 @@
 """Gaps of task allocation to the best known solutions of public routing instances, beside PyVRP alone.
 
 A customer becomes a job, a vehicle a robot that starts and ends at the depot, distance energy. With time windows,
-distance is time too. A pair of pickup and delivery becomes two jobs of one robot, a recharging station a charger. A
-file's content tells its format: VRPLIB (https://github.com/PyVRP/VRPLIB), Solomon's, Li and Lim's, or Schneider's.
+distance is time too. A pair of pickup and delivery becomes two jobs of one robot, a recharging station a charger. The
+first line shows the format: VRPLIB (https://github.com/PyVRP/VRPLIB), Solomon's, Li and Lim's, or Schneider's.
 Gehring and Homberger use Solomon's.
 """
 
