@@ -1,8 +1,10 @@
 """Compiles the allocators' kernels before a run, so that the first plan is not delayed."""
 
+import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
 from robrain.algorithms.allocation.vrp_model import fill_matrix
 
@@ -26,6 +28,8 @@ def warm_up() -> None:
     for objective in Objective:
         AuctionAllocator(objective).plan(problem)
         GreedyAllocator(objective).plan(problem)
+    worker = Worker(name="r", start=0, ends=(0,), usable_j=5.0, chargers=(0,), full_j=5.0, charge_w=1.0)
+    OptimalAllocator(Objective.ENERGY, lambda: 0.0).plan(msgspec.structs.replace(problem, workers=(worker,)), iterations=2)
     fill_matrix(
         legs[0], np.array([1, 0]), np.array([1]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True
     )
