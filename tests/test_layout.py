@@ -81,6 +81,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     assert circles == set()
 
 
+@pytest.mark.slow
 def test_each_mechanism_is_in_its_file_alone() -> None:
     texts = {_name_of(path): path.read_text() for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")}
     used = {word: " ".join(sorted(name for name in texts if re.search(word, texts[name]))) for word in ONE_MECHANISM}

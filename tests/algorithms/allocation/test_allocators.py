@@ -274,6 +274,7 @@ def test_optimal_is_within_half_a_percent_of_the_exact_optimum(robots, tasks, ki
     assert exact.value * (1 - 1e-5) <= plan.value <= exact.value * 1.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_better_than_the_exact_optimum_where_jobs_wait_for_each_other(seed):
     problem = team_problem(3, 7, seed, tightness=0.9, after=0.3, pairs=0.3, deliveries=0.3 * (seed % 2))

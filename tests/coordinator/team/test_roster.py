@@ -43,6 +43,7 @@ def test_a_token_alone_is_no_robot_to_count_on():
     assert (summary.up, summary.out, summary.why, summary.age_s) == (False, NoState(), "no state received yet", 1e6)
 
 
+@pytest.mark.slow
 def test_a_full_roster_accepts_no_new_robot():
     roster = Roster()
     for number in range(ROBOTS_MAX - 1):

@@ -162,6 +162,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", MACHINES)
 def test_commands_of_robrain_have_their_options(page: str) -> None:
     found = [words[1:] for words in typed(page) if words[0].rpartition("/")[2] == "robrain"]

@@ -75,6 +75,7 @@ def test_one_that_stands_idle_in_a_corridor_makes_room(cross):
     assert one.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_robot_that_waits_tells_for_whom(cross):
     one = cross((*ROOMS_AND_CORRIDOR, BAY), [(P(1.2, 2.0), P(10.8, 2.0)), (P(10.8, 2.0), P(1.2, 2.0))], lidar=EXACT)
     one.go()

@@ -19,6 +19,7 @@ def submit_pair(team: Team) -> tuple[str, str, str]:
     return "pick", "drop", team.get("pick").robot
 
 
+@pytest.mark.slow
 def test_the_robot_of_a_task_does_its_second_half_though_another_one_is_nearer() -> None:
     with explored_hall() as (_, team):
         pick, drop, robot = submit_pair(team)
@@ -50,6 +51,7 @@ def test_a_task_waits_while_the_other_has_no_robot_and_says_so() -> None:
         assert {one.robot for one in team.wait_all(["pick", "drop"])} == {"r2"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restarts", [False, True])
 def test_a_task_whose_robot_has_gone_or_is_out_of_service_waits_for_it_and_says_so(restarts: bool) -> None:
     with explored_hall() as (run, team):

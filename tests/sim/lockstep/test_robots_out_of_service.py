@@ -32,6 +32,7 @@ def summary(team: Team, robot: str) -> RobotSummary:
     return next(one for one in team.state().robots if one.name == robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gives_back", [False, True])
 def test_a_robot_out_of_service_finishes_its_task_or_gives_it_back(gives_back: bool) -> None:
     with explored_hall() as (_, team):
@@ -72,6 +73,7 @@ def test_a_paused_robot_stands_keeps_its_task_and_continues_also_after_a_restart
         assert (done.robot, done.epoch) == (robot, epoch)
 
 
+@pytest.mark.slow
 def test_a_robot_drives_to_its_place_out_of_service_and_works_again_once_released() -> None:
     with explored_hall() as (run, team):
         for robot in ("r1", "r2"):

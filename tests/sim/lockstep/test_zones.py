@@ -100,6 +100,7 @@ def test_idle_robots_leave_a_new_keep_out_zone_by_the_shortest_way(fidelity: Fid
         assert run.arena.collisions == 0
 
 
+@pytest.mark.slow
 def test_a_task_names_a_place_and_the_robot_that_does_it():
     kitchen = ZoneTable(name="kitchen", kind=ZoneKind.PLACE, corners_m=((7.0, 4.0), (9.0, 4.0), (9.0, 5.0), (7.0, 5.0)))
     point = ZoneTable(name="door", kind=ZoneKind.PLACE, corners_m=((4.0, 3.0),))

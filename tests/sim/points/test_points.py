@@ -57,6 +57,7 @@ def test_each_strategy_explores_a_floor(strategy: str) -> None:
     assert result.explored_fraction >= 0.98
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_digests() -> None:
     one, other = (arena(seed=5).run(time_limit_s=3.0) for _ in range(2))
     assert one.digest == other.digest

@@ -84,6 +84,7 @@ def test_robots_with_unknown_or_wrong_starts_find_their_places_on_it(starts: dic
             assert math.hypot(body.x_m - host.board.pose.x_m, body.y_m - host.board.pose.y_m) < 0.2
 
 
+@pytest.mark.slow
 def test_new_obstacles_are_found_and_passed_and_removed_ones_disappear(tmp_path: Path) -> None:
     before = ROOM.replace(floor=FloorDrawing(size_m=(12.0, 4.0), blocks=(GONE,)))
     scenario = ROOM.replace(known_floor=map_file(before, tmp_path))
