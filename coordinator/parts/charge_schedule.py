@@ -14,10 +14,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from robrain.coordinator.planning.energy_budget import DOCK_S
+from robrain.coordinator.team.chargers import is_same_charger
 from robrain.protocol.model.geometry import Point2D
 
-SAME_M = 0.6
-"""Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
 CLEAR_S = 10.0
 """Time until a robot that leaves a charger is out of the path (chosen: changing places takes some 20 s)."""
 TURN_GAIN = 0.15
@@ -107,11 +106,6 @@ def schedule_charges(
         for turn in _turns(place, queue, demand, power_w(place)):
             turns[turn.robot] = turn
     return tuple(turns[name] for _, name in given)
-
-
-def is_same_charger(one: Point2D, other: Point2D) -> bool:
-    """Whether two robots mean the same charger; their estimates of its place may differ."""
-    return one.distance_m(other) < SAME_M
 
 
 def _order(one: ChargeSeeker) -> tuple[int, float, float, str]:

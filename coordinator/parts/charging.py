@@ -15,18 +15,25 @@ from robrain.coordinator.parts.charge_schedule import (
     ChargerSlot,
     ChargeSeeker,
     Demand,
-    is_same_charger,
     schedule_charges,
 )
-from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR, SOC_LEAST, capacity_j, profile_of
+from robrain.coordinator.planning.energy_budget import (
+    CHARGED_SHARE,
+    CHARGED_SOC,
+    DETOUR,
+    SOC_LEAST,
+    capacity_j,
+    is_for_energy,
+    profile_of,
+)
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.coordinator.planning.snapshot_builder import is_charging
 from robrain.coordinator.tasks.task_book import TaskBook
-from robrain.coordinator.team.chargers import Charger
+from robrain.coordinator.team.chargers import Charger, is_same_charger
 from robrain.coordinator.team.roster import Robot, Roster
 from robrain.protocol.clock import to_ns, to_seconds
-from robrain.protocol.messages.robots.robot_messages import BatteryState, TaskStatus
+from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.plan_messages import COORDINATOR_CHARGES, ChargeSchedule, PlannedCharge
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.energy_model import Work, estimate
@@ -34,30 +41,15 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
 from robrain.protocol.reasons import (
-    BelowReserve,
-    HolderLacksEnergy,
-    LacksEnergy,
-    NearestOut,
     OfferRefusal,
     PlainReason,
-    PlanReason,
     WaitsForCharge,
     plain,
     sentence_of,
 )
 
-TO_SOC = 0.95
-"""Target level of a charge that is not cut short."""
 FULL_ENOUGH = 0.9
 """A robot above this level is not sent to charge, even if tasks are unplanned."""
-USUAL_W = 20.0
-"""Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the
-slower last part of a charge."""
-LEAST_W = 1.0
-"""Lower bound of a learned power, so that every charge has an end."""
-WINDOW_NS = to_ns(10.0)
-"""Interval over which the power is measured, against noise in the reported energy."""
-KEPT = 256
 
 
 class Charge(NamedTuple):
@@ -65,46 +57,7 @@ class Charge(NamedTuple):
 
     robot: str
     charger: Charger
-    to_soc: float = TO_SOC
-
-
-class _Begun(NamedTuple):
-    charger: Point2D
-    remaining_j: float
-    stamp_ns: int
-
-
-class ChargePower:
-    """Learns the power of each charger; the latest measurement counts."""
-
-    def __init__(self) -> None:
-        self._power_w: dict[Point2D, float] = {}
-        self._begun: dict[str, _Begun] = {}
-
-    def of(self, charger: Point2D) -> float:
-        """Power into the battery in watts, above 0."""
-        known = self._known(charger)
-        return USUAL_W if known is None else self._power_w[known]
-
-    def record(self, robot: str, charger: Point2D, battery: BatteryState, now_ns: int) -> None:
-        """Record a battery state of a robot that is charged at a charger."""
-        begun = self._begun.get(robot)
-        if begun is None or not is_same_charger(begun.charger, charger):
-            self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
-        elif now_ns - begun.stamp_ns >= WINDOW_NS:
-            power_w = (battery.remaining_j - begun.remaining_j) / to_seconds(now_ns - begun.stamp_ns)
-            known = self._known(charger)
-            self._power_w[charger if known is None else known] = max(LEAST_W, power_w)
-            while len(self._power_w) > KEPT:
-                del self._power_w[next(iter(self._power_w))]
-            self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
-
-    def stop(self, robot: str) -> None:
-        """A robot is no longer charged."""
-        self._begun.pop(robot, None)
-
-    def _known(self, charger: Point2D) -> Point2D | None:
-        return next((place for place in self._power_w if is_same_charger(place, charger)), None)
+    to_soc: float = CHARGED_SOC
 
 
 ROUTE_FACTOR = 2.0
@@ -125,7 +78,6 @@ class ChargeSeekers:
     """
 
     def __init__(self, planning: Planning, book: TaskBook, roster: Roster) -> None:
-        self.power = ChargePower()
         self.cut_short: set[str] = set()
         """Robots whose last turn was cut short and which have not done a task since."""
         self._planning = planning
@@ -149,7 +101,7 @@ class ChargeSeekers:
             limit = limits.get(name, 0.0)
             seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
             if seeker is None or not seeker.is_there:
-                self.power.stop(name)
+                self._planning.charge_power.stop(name)
             if seeker is not None:
                 found[name] = seeker
         return found
@@ -166,14 +118,15 @@ class ChargeSeekers:
         bound_for = _bound_for(robot, at, here, chargers)
         if bound_for is None and (battery.soc >= below or not chargers or is_paused):
             return None
-        if bound_for is None and (planning.exclusion(robot, now_ns) or planning.has_route(name)):
+        is_needed = planning.has_route(name) and not planning.charges_next(name)
+        if bound_for is None and (is_needed or planning.exclusion(robot, now_ns)):
             return None
         is_there = bound_for is not None and (battery.charging or is_same_charger(here, bound_for))
         if battery.charging and bound_for is not None:
-            self.power.record(name, bound_for, battery, now_ns)
+            planning.charge_power.record(name, bound_for, battery, now_ns)
         to_soc = None
         if at is None and bound_for is not None and (is_paused or not is_there):
-            to_soc = TO_SOC  # on its own initiative: the robot decides the level
+            to_soc = CHARGED_SOC  # on its own initiative: the robot decides the level
         elif at is not None and not at.own and at.task.kind == RECHARGE:
             to_soc = parameters_of(at.task, Recharge).until_soc  # a submitted task
         return ChargeSeeker(
@@ -345,9 +298,10 @@ class Charging(CoordinatorPart):
         is_short = self._is_short()
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
+        limits |= {robot.name: math.inf for robot in idle if planning.charges_next(robot.name)}
         seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
-        demand = Demand(TO_SOC, planning.policy.charge_turn, is_short)
-        turns = schedule_charges(seekers.values(), demand, self._competing.power.of)
+        demand = Demand(CHARGED_SOC, planning.policy.charge_turn, is_short)
+        turns = schedule_charges(seekers.values(), demand, planning.charge_power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
         has_set_out = {one.robot for one in charges}
         has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
@@ -366,15 +320,17 @@ class Charging(CoordinatorPart):
         self._planning.after_charge.pop(robot, None)
         if state is not TaskState.DONE:
             self._not_before_ns[robot] = now_ns + AGAIN_NS
-        elif self._to_soc.get(robot, TO_SOC) < TO_SOC:
+        elif self._to_soc.get(robot, CHARGED_SOC) < CHARGED_SOC:
             self._competing.cut_short.add(robot)
         else:
             self._competing.cut_short.discard(robot)
 
     def _is_short(self) -> bool:
-        """Whether tasks wait for energy: no robot has enough, or only a charging one will."""
+        """Whether tasks wait for energy: no robot has enough, or only one that charges first."""
         planning, book, robots = self._planning, self._book, self._roster.robots
         if any(is_for_energy(left.reason) for left in planning.left_out.values()):
+            return True
+        if any(planning.charges_next(name) for name in robots):
             return True
         return any(
             name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)
@@ -385,7 +341,7 @@ class Charging(CoordinatorPart):
         """Charge order for a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
         is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
-        if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < TO_SOC)):
+        if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < CHARGED_SOC)):
             return None
         self._to_soc[turn.robot] = turn.to_soc
         known = self._planning.chargers.of.get(turn.robot, ())
@@ -438,14 +394,3 @@ class Charging(CoordinatorPart):
                 self._book.move(record.task.id, TaskState.QUEUED, WaitsForCharge(robot, after.soc, round(in_s, 3)))
             elif not robot and known is not None and record.task.id not in self._planning.left_out:
                 self._book.move(record.task.id, TaskState.QUEUED)
-
-
-def is_for_energy(reason: PlanReason) -> bool:
-    """Whether a task is unplanned because robots have too little energy for it.
-
-    >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))
-    True
-    """
-    if isinstance(reason, NearestOut):
-        return isinstance(reason.because, BelowReserve | LacksEnergy)
-    return isinstance(reason, HolderLacksEnergy)

@@ -204,7 +204,7 @@ class Forecast:
         for robot, step in steps:
             charged = self._after_charge.get(robot)
             begin_ns = free_ns.get(robot, max(now_ns, charged.free_ns) if charged is not None else now_ns)
-            travel_ns = to_ns(self._travel_s(step))
+            travel_ns = to_ns(self._travel_s(step) + step.charge_s)
             arrive_ns = max(arrive_ns, begin_ns + travel_ns)
             leave_ns = max(begin_ns, start_ns - travel_ns)
         start_ns = max(start_ns, arrive_ns)

@@ -28,6 +28,8 @@ class PlannedStep(msgspec.Struct, frozen=True):
     """Time at its place."""
     energy_j: float = 0.0
     """Of the path there and the work at the place, without waiting."""
+    charge_s: float = 0.0
+    """Duration of the charges on the way there, which `travel_s` does not include; 0 if there are none."""
     has_begun: bool = False
     """Whether its robot had it already when the plan was made."""
 
@@ -78,17 +80,21 @@ def planned(
     route_energy_j: dict[str, float] = {}
     for worker, route in zip(problem.workers, plan.routes, strict=True):
         found, free_s, left_j = [], worker.ready_s, worker.usable_j
-        for stop in route.stops:
+        for position, stop in enumerate(route.stops):
             asked_job = problem.jobs[problem.job_index[stop.job]]
-            travel_s = max(0.0, stop.arrive_s - free_s)
+            charges = [charge for charge in route.charges if charge.before == position]
+            charge_s = sum(charge.end_s - charge.arrive_s for charge in charges)
+            left_j += sum(charge.gained_j for charge in charges)
+            travel_s = max(0.0, stop.arrive_s - free_s - charge_s)
             step = PlannedStep(
                 task=stop.job,
-                leave_ns=_at(snapshot, max(stop.arrive_s, asked_job.earliest_s) - travel_s),
+                leave_ns=_at(snapshot, max(stop.arrive_s, asked_job.earliest_s) - travel_s - charge_s),
                 travel_s=travel_s,
                 start_ns=_at(snapshot, stop.start_s),
                 service_s=asked_job.service_s,
                 energy_j=left_j - stop.left_j - worker.wait_w * (stop.start_s - stop.arrive_s),
                 has_begun=bool(asked_job.pinned_to),
+                charge_s=charge_s,
             )
             found.append(step)
             free_s, left_j = stop.end_s, stop.left_j

@@ -19,11 +19,12 @@ from robrain.algorithms.allocation.allocator import Allocator, Searching
 from robrain.algorithms.allocation.auction import keep, repaired
 from robrain.algorithms.allocation.checked_allocator import CheckedAllocator, allocator_of
 from robrain.algorithms.allocation.explain import reasons
-from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan
-from robrain.algorithms.allocation.problem import Problem, make_arrays
+from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan, nearest_end
+from robrain.algorithms.allocation.problem import Problem, Worker, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
+from robrain.coordinator.planning.energy_budget import is_for_energy
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
@@ -41,7 +42,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import TaskReason, plain
+from robrain.protocol.reasons import PlanReason, TaskReason, plain
 
 logger = logging.getLogger(__name__)
 
@@ -82,8 +83,50 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
     For an objective in joules, a robot that is free in five minutes is as good as one that is free now. So the plan is
     made first for the robots that are ready (`for_ready_robots`).
     """
-    problem, plan = with_charging_robots(draft.asked, draft.plan, draft.orders, draft.allocator)
+    asked = without_chargers(draft.asked)
+    problem, plan = with_charging_robots(asked, draft.plan, draft.orders, draft.allocator)
     return msgspec.structs.replace(draft, problem=problem, plan=plan)
+
+
+def route_charges(draft: PlanDraft) -> PlanDraft:
+    """Add trips after charges if jobs are left out for lack of energy.
+
+    A search over all jobs would not do: for an objective in joules, one robot that charges often is as good as several
+    robots that charge once. So the jobs of the plan without charges stay, and each further trip gets what is left.
+    """
+    plan = draft.plan
+    problem = msgspec.structs.replace(draft.problem, workers=draft.asked.workers)
+    known: dict[str, PlanReason | None] = {}
+    while any(one.reason is not None and is_for_energy(one.reason) for one in plan.unassigned):
+        left = {one.job for one in plan.unassigned}
+        found = draft.allocator.plan(
+            msgspec.structs.replace(
+                draft.asked,
+                jobs=tuple(job for job in draft.asked.jobs if job.id in left and not job.pinned_to),
+                workers=tuple(after_trip(problem, *pair) for pair in zip(problem.workers, plan.routes, strict=True)),
+            ),
+            iterations=1,
+        )
+        orders = [(*one.jobs, *more.jobs) for one, more in zip(plan.routes, found.routes, strict=True)]
+        made = repaired(problem, orders, plan.objective)
+        if made is None or not made.rank < plan.rank:
+            break
+        known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
+        plan = reasons(problem, make_arrays(problem), made, known)
+    return draft if plan is draft.plan else msgspec.structs.replace(draft, problem=problem, plan=plan)
+
+
+def after_trip(problem: Problem, worker: Worker, route: Route) -> Worker:
+    """The worker after its route and a charge at the end of it; with no energy if it cannot charge there."""
+    place, end_s, left_j = route.end_place, route.end_s, route.left_j
+    if not route.stops:
+        place = nearest_end(problem, worker, worker.start)
+        end_s += float(problem.time_s[worker.profile, worker.start, place])
+        left_j -= float(problem.energy_j[worker.profile, worker.start, place])
+    if place not in worker.chargers or not left_j >= 0:
+        return msgspec.structs.replace(worker, chargers=(), usable_j=-1.0)
+    ready_s = end_s + max(0.0, worker.full_j - left_j) / worker.charge_w
+    return msgspec.structs.replace(worker, chargers=(), start=place, ready_s=ready_s, usable_j=worker.full_j)
 
 
 def early_start(draft: PlanDraft) -> PlanDraft:
@@ -99,6 +142,14 @@ def plan_of(orders: Mapping[str, Sequence[str]], objective: Objective) -> Plan |
     return Plan(
         objective=objective, routes=routes, cost_j=0.0, lost_prize_j=0.0, makespan_s=0.0, least_left_j=0.0
     )  # fmt: skip
+
+
+def without_chargers(problem: Problem) -> Problem:
+    """The problem without charges between two jobs."""
+    if not any(worker.chargers for worker in problem.workers):
+        return problem
+    workers = tuple(msgspec.structs.replace(worker, chargers=()) for worker in problem.workers)
+    return msgspec.structs.replace(problem, workers=workers)
 
 
 def _gain(kept: Plan, best: Plan) -> float:
@@ -446,7 +497,8 @@ class PlanSolver:
         self.iterations = policy.iterations_for(visits) if iterations is None else iterations
         self._policy = policy
         allocator = allocator_of(policy.method, policy.objective)
-        ready = for_ready_robots(problem) if CHARGING_ROBOTS in policy.passes else problem
+        ready = without_chargers(problem)
+        ready = for_ready_robots(ready) if CHARGING_ROBOTS in policy.passes else ready
         self._draft = PlanDraft(
             asked=problem,
             problem=ready,

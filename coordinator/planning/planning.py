@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from robrain.coordinator.planning.energy_budget import PLENTY_J, capacity_j, profile_of
+from robrain.coordinator.planning.energy_budget import CHARGED_SOC, PLENTY_J, capacity_j, profile_of
 from robrain.coordinator.planning.forecast import Forecast
 from robrain.coordinator.planning.live_planner import LivePlanner, Supposed, Supposition
 from robrain.coordinator.planning.plan_in_force import PlanInForce, PlannedStep
@@ -29,6 +29,7 @@ from robrain.coordinator.planning.snapshot_builder import (
 from robrain.coordinator.tasks.admission import NEAR_M
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
+from robrain.coordinator.team.charge_power import ChargePower
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
@@ -209,6 +210,8 @@ class Planning:
         wire = lifecycle.wire
         self.policy = policy
         self.chargers = KnownChargers(wire, lifecycle.capabilities.plugins)
+        self.charge_power = ChargePower()
+        """Of the chargers; measured by charging."""
         self.after_charge: dict[str, AfterCharge] = {}
         """Predicted state of charging robots after their charge; maintained by charging."""
         self.charges: tuple[PlannedCharge, ...] = ()
@@ -224,7 +227,9 @@ class Planning:
         self._wire = wire
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
         self._team_map = team_map
-        self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
+        self._builder = SnapshotBuilder(
+            lifecycle, team_map, self.chargers, self.charge_power, self.exclusion, self.after_charge
+        )
         self._eligibility = lifecycle.eligibility
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
@@ -439,7 +444,7 @@ class Planning:
         for name in sorted(self._plan.steps):
             robot, bound = self._roster.robots.get(name), self._book.bound_to(name)
             left_s = math.inf if robot is None else free_in_s(robot, bound)
-            step = self._next(name) if left_s < math.inf else None
+            step = self._to_offer(name) if left_s < math.inf else None
             if step is None or robot is None or self.exclusion(robot, now_ns) is not None:
                 continue
             record = self._book.find(step.task)
@@ -470,7 +475,7 @@ class Planning:
         """Each task for several robots that all its planned robots can begin now, with their names."""
         robots: dict[str, list[str]] = {}
         for name in sorted(self._plan.steps) if self._plan is not None else ():
-            step, robot, at = self._next(name), self._roster.robots.get(name), self._book.of_robot(name)
+            step, robot, at = self._to_offer(name), self._roster.robots.get(name), self._book.of_robot(name)
             is_free = at is None or (at.own and at.task.kind == EXPLORE)
             if step is not None and robot is not None and is_free and self.exclusion(robot, now_ns) is None:
                 robots.setdefault(step.task, []).append(name)
@@ -506,6 +511,10 @@ class Planning:
         """Whether the plan has tasks for a robot that it has not begun."""
         return self._next(robot) is not None
 
+    def charges_next(self, robot: str) -> bool:
+        """Whether the plan has a robot charge before the next task that it has not begun."""
+        return self.has_route(robot) and self._to_offer(robot) is None
+
     def route_energy_j(self, robot: str) -> float | None:
         """Energy of a robot's planned route, joules; None if it has none that it has not begun."""
         return self._plan.route_energy_j.get(robot) if self._plan is not None and self.has_route(robot) else None
@@ -521,6 +530,11 @@ class Planning:
     def charger_distances_m(self, robot: str) -> ChargerDistances | None:
         """Path lengths from a robot to its chargers, when it was last planned for."""
         return None if self._plan is None else self._plan.charger_distances.get(robot)
+
+    def _to_offer(self, robot: str) -> PlannedStep | None:
+        """The next task of a robot; None if it has none or has to charge first."""
+        step = self._next(robot)
+        return None if step is None or step.charge_s > 0 else step
 
     def _next(self, robot: str) -> PlannedStep | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
@@ -548,16 +562,18 @@ class Planning:
         if task_id in self.waiting:
             return self.waiting[task_id]
         for robot, steps in self._plan.steps.items() if self._plan is not None else ():
-            for step in steps:
+            for position, step in enumerate(steps):
                 if step.task == task_id:
                     after = self.after_charge.get(robot)
                     times = self.forecast.times.get(task_id)
                     in_s = max(0.0, to_seconds((step.leave_ns if times is None else times.leave_ns) - now_ns))
                     text = f"{robot} is to set out for it in {in_s:.0f} s"
-                    if after is None:
+                    charges = any(one.charge_s and not one.has_begun for one in steps[: position + 1])
+                    if after is None and not charges:
                         return plain("to_begin", text, robot=robot, in_s=in_s)
-                    text += f", when it has charged to {after.soc:.0%}"
-                    return plain("to_begin", text, robot=robot, in_s=in_s, to_soc=after.soc)
+                    to_soc = CHARGED_SOC if after is None else after.soc
+                    text += f", when it has charged to {to_soc:.0%}"
+                    return plain("to_begin", text, robot=robot, in_s=in_s, to_soc=to_soc)
         failure = self._planner.failure_reason
         return plain("no_plan", f"no plan can be made: {cut(failure)}") if failure else None
 

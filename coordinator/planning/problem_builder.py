@@ -7,11 +7,26 @@ import msgspec
 
 from robrain.algorithms.allocation.problem import Job, Worker
 from robrain.algorithms.navigation.clearance import PREFERRED_MARGIN_M
-from robrain.coordinator.planning.energy_budget import UNKNOWN, kinds_of, means_of, profile_of
+from robrain.coordinator.planning.energy_budget import (
+    CHARGED_SOC,
+    UNKNOWN,
+    kinds_of,
+    means_of,
+    profile_of,
+    when_charged,
+)
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_codec import ProblemRecord, encode_lengths
-from robrain.coordinator.planning.snapshot import HANDLING_S, ChargerDistances, PlanningRobot, Snapshot, end_of, urgency
+from robrain.coordinator.planning.snapshot import (
+    HANDLING_S,
+    AfterCharge,
+    ChargerDistances,
+    PlanningRobot,
+    Snapshot,
+    end_of,
+    urgency,
+)
 from robrain.coordinator.tasks.admission import GATHERING, needed_plugins
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -87,6 +102,9 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
     workers = []
     for index, (name, member, mean) in enumerate(zip(names, members, means, strict=True)):
         offers = everything if member.offers is None else member.offers
+        may_charge = member.charge_w > 0 and mean.capacity_j > 0
+        charged = when_charged(member.state, AfterCharge(0, _ends(member)[0], CHARGED_SOC))
+        full_j = max(mean.usable_j, means_of(charged, waits_s, policy).usable_j) if may_charge else 0.0
         workers.append(
             Worker(
                 name=name,
@@ -99,6 +117,9 @@ def build_problem(snapshot: Snapshot, paths: PathLengths, policy: PlanningPolicy
                 wait_w=mean.idle_w,
                 capacity_j=mean.capacity_j,
                 reserve_j=mean.reserve_j,
+                chargers=tuple(goals[place] for place in member.chargers) if full_j > 0 else (),
+                full_j=full_j,
+                charge_w=member.charge_w,
             )
         )
     question = ProblemRecord(

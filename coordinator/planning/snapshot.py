@@ -61,6 +61,8 @@ class PlanningRobot(NamedTuple):
     """End place of a robot that knows no charger: where it started."""
     free_ns: int = 0
     """When a charging robot will be free, in the state `state`; 0 if the robot is free now."""
+    charge_w: float = 0.0
+    """Power of the slowest of its chargers; 0 if it knows none."""
 
 
 class PredictedEnd(NamedTuple):

@@ -19,6 +19,8 @@ LONGEST_NS = to_ns(60.0)
 ASKED_MAX = 32
 """Robots queried at once: a query to a thousand takes a quarter of a second, in which the team waits."""
 PLUGIN = "home"
+SAME_M = 0.6
+"""Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
 
 
 class _Charger(msgspec.Struct):
@@ -32,6 +34,11 @@ class Charger(msgspec.Struct, frozen=True):
 
     place: Point2D
     yaw_rad: float | None = None
+
+
+def is_same_charger(one: Point2D, other: Point2D) -> bool:
+    """Whether two robots mean the same charger; their estimates of its place may differ."""
+    return one.distance_m(other) < SAME_M
 
 
 class KnownChargers:

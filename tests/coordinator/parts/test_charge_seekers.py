@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from robrain.coordinator.parts.charging import STILL_M, TO_SOC, ChargeSeekers
+from robrain.coordinator.parts.charging import CHARGED_SOC, STILL_M, ChargeSeekers
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, DETOUR
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import ChargerDistances
@@ -27,7 +27,7 @@ class World:
     def __init__(self, soc: float = 0.3) -> None:
         self.known: ChargerDistances | None = None
         self.out = ""
-        self.route = False
+        self.route = self.charges_next = False
         self.planning = SimpleNamespace(
             policy=PlanningPolicy(time_margin=S_PER_M * PACE_M_S, reserve_share=0.1),
             chargers=SimpleNamespace(of={"r1": (Charger(NEAR), Charger(FAR))}),
@@ -35,6 +35,7 @@ class World:
             exclusion=lambda _robot, _now_ns: self.out,
             route_energy_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
+            charges_next=lambda _robot: self.charges_next,
         )
         self.watch = ChargeSeekers(self.planning, SimpleNamespace(), SimpleNamespace())
         self.robot = Robot("r1")
@@ -102,7 +103,7 @@ def test_who_tells_too_little_or_is_halted_is_not_to_charge(fields):
     assert world.seeker() is None
 
 
-def test_who_is_paused_out_knows_no_charger_or_has_tasks_is_not_sent():
+def test_who_is_paused_out_knows_no_charger_or_has_tasks_before_the_next_charge_is_not_sent():
     assert World().seeker(is_paused=True) is None
     world = World()
     world.out = "is halted"
@@ -110,6 +111,8 @@ def test_who_is_paused_out_knows_no_charger_or_has_tasks_is_not_sent():
     world = World()
     world.route = True
     assert world.seeker() is None
+    world.charges_next = True
+    assert world.seeker() is not None
     world = World()
     world.planning.chargers.of.clear()
     assert world.seeker() is None
@@ -119,11 +122,11 @@ def test_who_goes_to_charge_of_its_own_accord_is_not_told_otherwise_on_its_way()
     world = World()
     world.change(behavior="recharge")
     found = world.seeker(below=0.0)
-    assert (found.bound_for, found.is_there, found.to_soc) == (NEAR, False, TO_SOC)
+    assert (found.bound_for, found.is_there, found.to_soc) == (NEAR, False, CHARGED_SOC)
     world.change(pose=Pose2D(NEAR.x_m + 0.5, NEAR.y_m, 0.0))
     found = world.seeker(below=0.0)
     assert (found.bound_for, found.is_there, found.to_soc) == (NEAR, True, None)
-    assert world.seeker(below=0.0, is_paused=True).to_soc == TO_SOC
+    assert world.seeker(below=0.0, is_paused=True).to_soc == CHARGED_SOC
 
 
 def test_a_robot_at_a_charger_needs_twice_what_the_tasks_that_wait_for_it_take_and_its_reserve():

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.coordinator.parts.charge_schedule import schedule_charges
-from robrain.coordinator.parts.charging import TO_SOC, Charging
+from robrain.coordinator.parts.charging import CHARGED_SOC, Charging
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.links.inbox import Inbox
@@ -113,6 +113,22 @@ def test_a_task_that_only_a_robot_that_charges_can_do_waits_for_it_and_says_so(t
     assert team.why(charge.id) == "r1 has charged to 35%, enough for the tasks that wait for it"
 
 
+def test_a_plan_has_a_robot_charge_between_two_tasks(team):
+    (worker,) = staff(team, (0.6,), dearer=3.5 * DEAR)
+    run(team, [worker], 1.0)
+    team.submit(visit("near", 4.0, 5.4))
+    team.submit(visit("far", 8.0, 4.0))
+    run(team, [worker], 1.0)
+    assert (status(team).planned, status(team).skipped) == (1, 0)
+    near, far = (team.ask(TASK_EXPLAIN, TaskRequest(id=name), TaskExplanation) for name in ("near", "far"))
+    assert near.record.robot == "r1"
+    assert far.reason.values["to_soc"] == CHARGED_SOC
+    assert far.record.estimate.arrives_in_s > far.record.estimate.starts_in_s + 30.0  # it charges on the way
+    assert run(team, [worker], 1500.0, until=all_done(team))
+    assert [offer.task.kind for offer in worker.robot.offers] == ["visit", "recharge", "visit"]
+    assert worker.least_j > 0.9 * RESERVE_SOC * CAPACITY_J
+
+
 @pytest.mark.parametrize(("until_soc", "soc", "gain_j"), [(0.75, 0.75, 0.25 * CAPACITY_J), (0.3, 0.5, 0.0)])
 def test_a_robot_that_charges_is_planned_with_as_it_will_be_and_with_no_less_than_it_has(until_soc, soc, gain_j):
     has_j = 0.5 * CAPACITY_J
@@ -184,7 +200,7 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
 def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(team):
     workers = staff(team, (0.118, 0.11), dearer=90.0)
     assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
-    assert to_soc_of(charges_of(workers[1])[0]) == TO_SOC  # nothing else is wanted
+    assert to_soc_of(charges_of(workers[1])[0]) == CHARGED_SOC  # nothing else is wanted
     for number in range(30):
         team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
     assert run(team, workers, 200.0, until=lambda: workers[1].at_charger is None)
@@ -195,7 +211,7 @@ def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(te
     assert run(team, workers, 900.0, until=all_done(team))
 
 
-@pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (TO_SOC, [])])
+@pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (CHARGED_SOC, [])])
 def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team, monkeypatch, to_soc, is_whole):
     seen = []
 
