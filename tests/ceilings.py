@@ -21,6 +21,7 @@ MERGED_LINES_MAX = 600
 """A file with one importer in its folder belongs into the importer if the two stay below this number of lines."""
 
 APART = {
+    "coordinator/parts/charge_schedule.py": "it is list scheduling, which knows no coordinator",
     "deploy/supervision/guard.py": "it is the script of a separate process",
     "plugins/device/ros2/scan_reader.py": "it needs numpy; errors are to name ROS, which is imported first",
     "recording/invariants/robot_invariants.py": "`judging.py` has the judges of robots and of tasks",

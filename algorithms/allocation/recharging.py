@@ -64,13 +64,8 @@ def charging_graph(team: TeamArrays, place: Indices, exit_place: Indices, nodes:
     near = np.full((*leg_j.shape, NEAREST), -1, np.int16)
     reach_j = np.zeros((workers, len(rows)))
     chargers = slice(visits, count)
-    if count > visits:
-        for profile, legs_j in enumerate(leg_j):
-            for row in range(len(rows)):
-                detours_j = legs_j[row, chargers][None, :] + legs_j[chargers].T
-                order = np.argsort(detours_j, axis=1, kind="stable")[:, :NEAREST]
-                is_path = np.isfinite(np.take_along_axis(detours_j, order, 1))
-                near[profile, row, :, : order.shape[1]] = np.where(is_path, order, -1)
+    for profile, legs_j in enumerate(leg_j):
+        _find_nearest(legs_j, visits, count, near[profile])
     for worker, profile in enumerate(team.profile):
         to_charger = np.where(team.charges[worker], leg_j[profile][:, chargers], math.inf).min(axis=1, initial=math.inf)
         reach_j[worker] = np.minimum(leg_j[profile][:, count + worker], to_charger)
@@ -80,19 +75,42 @@ def charging_graph(team: TeamArrays, place: Indices, exit_place: Indices, nodes:
     return ChargingGraph(leg_j, leg_s, np.concatenate([nodes, free]), table, team.charges, near, reach_j)
 
 
+@njit(cache=True, nogil=True)
+def _find_nearest(legs_j: Floats, first: int, last: int, near: NDArray[np.int16]) -> None:
+    """Write the chargers of least detour between all nodes to `near`; nodes `first` to `last` are the chargers."""
+    detours_j = np.empty(near.shape[2])
+    for row in range(len(legs_j)):
+        for column in range(len(legs_j)):
+            found = near[row, column]
+            size = 0
+            for charger in range(first, last):
+                detour_j = legs_j[row, charger] + legs_j[charger, column]
+                place = size
+                while place > 0 and detour_j < detours_j[place - 1]:
+                    place -= 1
+                if place == len(found) or not detour_j < math.inf:
+                    continue
+                size = min(size + 1, len(found))
+                for later in range(size - 1, place, -1):
+                    found[later], detours_j[later] = found[later - 1], detours_j[later - 1]
+                found[place], detours_j[place] = charger - first, detour_j
+
+
 def charges_of(problem: Problem, orders: Sequence[Sequence[str]]) -> list[list[tuple[int, ...]]]:
     """The places where each worker charges before each of its jobs, and before its end.
 
     There are none if no charges make an order feasible.
     """
     chargers: list[list[tuple[int, ...]]] = [[()] * (len(order) + 1) for order in orders]
-    team, jobs = team_arrays(problem), problem.jobs
+    team = team_arrays(problem)
+    jobs = [problem.jobs[problem.job_index[name]] for order in orders for name in order]
     nodes = [(job.earliest_s, job.latest_s - job.service_s, job.service_s, job.service_j, job.load_kg) for job in jobs]
     places, exits = (np.array([getattr(job, name) for job in jobs], np.int64) for name in ("place", "exit_place"))
     graph = charging_graph(team, places, exits, np.array(nodes, np.float64).reshape(len(jobs), 5))
+    end = 0
     for worker, order in enumerate(orders):
+        rows, end = np.arange(end, end + len(order), dtype=np.int32), end + len(order)
         if order and team.charge_w[worker] > 0:
-            rows = np.array([problem.job_index[name] for name in order], np.int32)
             found = np.zeros(3 * len(rows) + 2, np.int32)
             size = place_charges(graph, team.horizon_s, worker, rows, len(rows), found)
             step = 0

@@ -9,8 +9,8 @@ from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worke
 from robrain.algorithms.allocation.vrp_model import fill_matrix
 
 
-def warm_up() -> None:
-    """Call every kernel once.
+def warm_up(*, with_charges: bool = False) -> None:
+    """Call every kernel once; on request those of routes with charges, too.
 
     The first call on a machine compiles the kernels and stores the machine code beside the sources (some seconds).
     Later processes load it (tenths of a second).
@@ -28,8 +28,10 @@ def warm_up() -> None:
     for objective in Objective:
         AuctionAllocator(objective).plan(problem)
         GreedyAllocator(objective).plan(problem)
-    worker = Worker(name="r", start=0, ends=(0,), usable_j=5.0, chargers=(0,), full_j=5.0, charge_w=1.0)
-    OptimalAllocator(Objective.ENERGY, lambda: 0.0).plan(msgspec.structs.replace(problem, workers=(worker,)), iterations=2)
+    if with_charges:
+        worker = Worker(name="r", start=0, ends=(0,), usable_j=5.0, chargers=(0,), full_j=5.0, charge_w=1.0)
+        charging = msgspec.structs.replace(problem, workers=(worker,))
+        OptimalAllocator(Objective.ENERGY, lambda: 0.0).plan(charging, iterations=2)
     fill_matrix(
         legs[0], np.array([1, 0]), np.array([1]), np.ones(1, np.bool_), np.zeros(1), np.zeros((2, 1)), 1.0, 0, True
     )

@@ -88,7 +88,8 @@ class ChargeSeekers:
         """Return them by name.
 
         Args:
-            limits: for each robot without a task, the state of charge below which it should charge.
+            limits: for each robot without a task, the state of charge below which it should charge; infinite before
+                a task that needs a charge.
             paused: robots that must not be asked to charge now.
             now_ns: the time.
 
@@ -101,7 +102,7 @@ class ChargeSeekers:
             limit = limits.get(name, 0.0)
             seeker = self.seeker(robot, at, limit, name in paused, now_ns) if robot.is_up(now_ns) else None
             if seeker is None or not seeker.is_there:
-                self._planning.charge_power.stop(name)
+                self._planning.chargers.power.stop(name)
             if seeker is not None:
                 found[name] = seeker
         return found
@@ -118,12 +119,12 @@ class ChargeSeekers:
         bound_for = _bound_for(robot, at, here, chargers)
         if bound_for is None and (battery.soc >= below or not chargers or is_paused):
             return None
-        is_needed = planning.has_route(name) and not planning.charges_next(name)
-        if bound_for is None and (is_needed or planning.exclusion(robot, now_ns)):
+        is_needed = below < math.inf and planning.has_route(name)
+        if bound_for is None and (planning.exclusion(robot, now_ns) or is_needed):
             return None
         is_there = bound_for is not None and (battery.charging or is_same_charger(here, bound_for))
         if battery.charging and bound_for is not None:
-            planning.charge_power.record(name, bound_for, battery, now_ns)
+            planning.chargers.power.record(name, bound_for, battery, now_ns)
         to_soc = None
         if at is None and bound_for is not None and (is_paused or not is_there):
             to_soc = CHARGED_SOC  # on its own initiative: the robot decides the level
@@ -295,13 +296,14 @@ class Charging(CoordinatorPart):
             planning.after_charge.clear()
             self._publish_schedule((), {}, set(), now_ns)
             return []
-        is_short = self._is_short()
+        to_charge = planning.to_charge()
+        is_short = bool(to_charge) or self._is_short()
         below = FULL_ENOUGH if is_short else planning.policy.charge_below
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
-        limits |= {robot.name: math.inf for robot in idle if planning.charges_next(robot.name)}
+        limits |= dict.fromkeys(limits.keys() & to_charge, math.inf)
         seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
         demand = Demand(CHARGED_SOC, planning.policy.charge_turn, is_short)
-        turns = schedule_charges(seekers.values(), demand, planning.charge_power.of)
+        turns = schedule_charges(seekers.values(), demand, planning.chargers.power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
         has_set_out = {one.robot for one in charges}
         has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
@@ -326,11 +328,9 @@ class Charging(CoordinatorPart):
             self._competing.cut_short.discard(robot)
 
     def _is_short(self) -> bool:
-        """Whether tasks wait for energy: no robot has enough, or only one that charges first."""
+        """Whether tasks wait for energy: no robot has enough, or only a charging one will."""
         planning, book, robots = self._planning, self._book, self._roster.robots
         if any(is_for_energy(left.reason) for left in planning.left_out.values()):
-            return True
-        if any(planning.charges_next(name) for name in robots):
             return True
         return any(
             name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from robrain.algorithms.allocation.plan import Plan
-from robrain.algorithms.allocation.problem import Problem
+from robrain.algorithms.allocation.plan import Plan, Route
+from robrain.algorithms.allocation.problem import Problem, Worker
 from robrain.coordinator.planning.plan_passes import PlanFailure
 from robrain.coordinator.planning.snapshot import ChargerDistances, Orders, Snapshot
 from robrain.protocol.messages.tasks.plan_messages import PlanProblem
@@ -52,7 +52,10 @@ class PlanInForce(msgspec.Struct, frozen=True, kw_only=True):
     charger_distances: dict[str, ChargerDistances] = {}
     """Path lengths to the chargers, for each robot that was free."""
     route_energy_j: dict[str, float] = {}
-    """Energy of each robot's route, to the charger at its end; of robots with a route."""
+    """Energy of each robot's first trip with tasks that it has not begun, to a charger; of robots with such tasks."""
+
+    charging: tuple[str, ...] = ()
+    """Robots that charge between two tasks, or before the first one."""
 
     @property
     def orders(self) -> Orders:
@@ -99,8 +102,9 @@ def planned(
             found.append(step)
             free_s, left_j = stop.end_s, stop.left_j
         steps[route.worker] = tuple(found)
-        if any(not step.has_begun for step in found):
-            route_energy_j[route.worker] = route.energy_j
+        first = next((position for position, step in enumerate(found) if not step.has_begun), None)
+        if first is not None:
+            route_energy_j[route.worker] = _trip_energy_j(worker, route, first)
     left_out: dict[str, PlanReason] = {}
     for one in plan.unassigned:
         if one.job not in pinned:
@@ -116,7 +120,15 @@ def planned(
         duration_s=duration_s,
         charger_distances=asked.charger_distances,
         route_energy_j=route_energy_j,
+        charging=tuple(route.worker for route in plan.routes if route.charges),
     )
+
+
+def _trip_energy_j(worker: Worker, route: Route, first: int) -> float:
+    """Energy between the last charge before a stop, or the start, and the next charge."""
+    begins_j = worker.full_j if any(charge.before <= first for charge in route.charges) else worker.usable_j
+    ends_j = next((worker.full_j - one.gained_j for one in route.charges if one.before > first), route.left_j)
+    return begins_j - ends_j
 
 
 def _at(snapshot: Snapshot, in_s: float) -> int:

@@ -21,9 +21,8 @@ from robrain.protocol.registry import Registry, failure_text
 
 STABILITY: Final = "stability"
 CHARGING_ROBOTS: Final = "charging_robots"
-ROUTE_CHARGES: Final = "route_charges"
 EARLY_START: Final = "early_start"
-STOCK_PASSES: Final = (STABILITY, CHARGING_ROBOTS, ROUTE_CHARGES, EARLY_START)
+STOCK_PASSES: Final = (STABILITY, CHARGING_ROBOTS, EARLY_START)
 """The passes that are applied by default."""
 
 
@@ -42,8 +41,8 @@ class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
     asked: Problem
     """The problem as it was posed, with chargers where robots may charge between two jobs."""
     problem: Problem
-    """The problem that the plan solves: `asked`, but some jobs may be restricted to ready robots (`Job.ready_only`),
-    and robots charge only at the ends of their routes unless that leaves out jobs."""
+    """The problem that the plan solves: `asked`, but some jobs may be restricted to ready robots (`Job.ready_only`).
+    Robots have chargers in it only if the plan uses them."""
     plan: Plan
     orders: Mapping[str, Sequence[str]]
     """The previous plan: each robot's jobs in order."""
@@ -82,7 +81,6 @@ PASSES: Registry[Pass] = Registry(
     {
         STABILITY: "robrain.coordinator.planning.plan_search:stability",
         CHARGING_ROBOTS: "robrain.coordinator.planning.plan_search:charging_robots",
-        ROUTE_CHARGES: "robrain.coordinator.planning.plan_search:route_charges",
         EARLY_START: "robrain.coordinator.planning.plan_search:early_start",
     },
     has_files=True,

@@ -15,12 +15,12 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from robrain.algorithms.allocation.allocator import Allocator, Searching
+from robrain.algorithms.allocation.allocator import Searching
 from robrain.algorithms.allocation.auction import keep, repaired
 from robrain.algorithms.allocation.checked_allocator import CheckedAllocator, allocator_of
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan, nearest_end
-from robrain.algorithms.allocation.problem import Problem, Worker, make_arrays
+from robrain.algorithms.allocation.problem import Job, Problem, Worker, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
@@ -42,7 +42,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import PlanReason, TaskReason, plain
+from robrain.protocol.reasons import TaskReason, plain
 
 logger = logging.getLogger(__name__)
 
@@ -78,53 +78,69 @@ def stability(draft: PlanDraft) -> PlanDraft:
 
 
 def charging_robots(draft: PlanDraft) -> PlanDraft:
-    """Give robots that charge the jobs that the ready robots leave over.
+    """Give robots that charge the jobs that the ready robots leave over, and then all robots trips after a charge.
 
-    For an objective in joules, a robot that is free in five minutes is as good as one that is free now. So the plan is
-    made first for the robots that are ready (`for_ready_robots`).
+    Objectives in joules give time no value. A robot that is free in five minutes is as good as one that is free now.
+    One robot that charges often is as good as several. So the first plan is for the robots that are ready
+    (`for_ready_robots`). Each further trip gets only what is left out for lack of energy.
     """
-    asked = without_chargers(draft.asked)
-    problem, plan = with_charging_robots(asked, draft.plan, draft.orders, draft.allocator)
+    problem, plan = without_chargers(draft.asked), draft.plan
+    late = _charging(problem)
+    if late:
+        done = {job for route in plan.routes if route.worker not in late for job in route.jobs}
+        problem = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
+        workers = [worker for worker in problem.workers if worker.name in late]
+        begun = [job for job in problem.jobs if job.pinned_to in late]
+        plan = _with_left_jobs(draft, problem, plan, workers, begun) or plan
+    full = msgspec.structs.replace(problem, workers=draft.asked.workers)
+    while any(one.reason is not None and is_for_energy(one.reason) for one in plan.unassigned):
+        pairs = zip(full.workers, plan.routes, strict=True)
+        workers = [one for worker, route in pairs if (one := after_trip(full, worker, route)) is not None]
+        more = _with_left_jobs(draft, full, plan, workers)
+        if more is None:
+            break
+        problem, plan = full, more
     return msgspec.structs.replace(draft, problem=problem, plan=plan)
 
 
-def route_charges(draft: PlanDraft) -> PlanDraft:
-    """Add trips after charges if jobs are left out for lack of energy.
+def _with_left_jobs(
+    draft: PlanDraft, problem: Problem, plan: Plan, workers: Sequence[Worker], begun: Sequence[Job] = ()
+) -> Plan | None:
+    """Assign the jobs that a plan leaves out to these workers, after their own; None if that makes no better plan.
 
-    A search over all jobs would not do: for an objective in joules, one robot that charges often is as good as several
-    robots that charge once. So the jobs of the plan without charges stay, and each further trip gets what is left.
+    Args:
+        draft: the plan's inputs.
+        problem: the problem of the new plan.
+        plan: its routes stay.
+        workers: in the state in which they begin the jobs that are left out.
+        begun: jobs that they are doing, and that this state does not include.
+
     """
-    plan = draft.plan
-    problem = msgspec.structs.replace(draft.problem, workers=draft.asked.workers)
-    known: dict[str, PlanReason | None] = {}
-    while any(one.reason is not None and is_for_energy(one.reason) for one in plan.unassigned):
-        left = {one.job for one in plan.unassigned}
-        found = draft.allocator.plan(
-            msgspec.structs.replace(
-                draft.asked,
-                jobs=tuple(job for job in draft.asked.jobs if job.id in left and not job.pinned_to),
-                workers=tuple(after_trip(problem, *pair) for pair in zip(problem.workers, plan.routes, strict=True)),
-            ),
-            iterations=1,
-        )
-        orders = [(*one.jobs, *more.jobs) for one, more in zip(plan.routes, found.routes, strict=True)]
-        made = repaired(problem, orders, plan.objective)
-        if made is None or not made.rank < plan.rank:
-            break
-        known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
-        plan = reasons(problem, make_arrays(problem), made, known)
-    return draft if plan is draft.plan else msgspec.structs.replace(draft, problem=problem, plan=plan)
+    left = {one.job for one in plan.unassigned}
+    jobs = tuple(job for job in draft.asked.jobs if job.id in left and not job.pinned_to)
+    if not (workers and jobs):
+        return None
+    rest = msgspec.structs.replace(draft.asked, jobs=(*begun, *jobs), workers=tuple(workers))
+    before = plan_of({one.name: draft.orders.get(one.name, ()) for one in workers}, plan.objective)
+    found = draft.allocator.plan(rest, warm_start=before, iterations=1)
+    added = {route.worker: route.jobs for route in found.routes}
+    orders = [dict.fromkeys((*route.jobs, *added.get(route.worker, ()))) for route in plan.routes]
+    made = repaired(problem, [list(order) for order in orders], plan.objective)
+    if made is None or not made.rank < plan.rank:
+        return None
+    known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
+    return reasons(problem, make_arrays(problem), made, known)
 
 
-def after_trip(problem: Problem, worker: Worker, route: Route) -> Worker:
-    """The worker after its route and a charge at the end of it; with no energy if it cannot charge there."""
+def after_trip(problem: Problem, worker: Worker, route: Route) -> Worker | None:
+    """The worker after its route and a charge at the end of it; None if it cannot charge there."""
     place, end_s, left_j = route.end_place, route.end_s, route.left_j
     if not route.stops:
         place = nearest_end(problem, worker, worker.start)
         end_s += float(problem.time_s[worker.profile, worker.start, place])
         left_j -= float(problem.energy_j[worker.profile, worker.start, place])
     if place not in worker.chargers or not left_j >= 0:
-        return msgspec.structs.replace(worker, chargers=(), usable_j=-1.0)
+        return None
     ready_s = end_s + max(0.0, worker.full_j - left_j) / worker.charge_w
     return msgspec.structs.replace(worker, chargers=(), start=place, ready_s=ready_s, usable_j=worker.full_j)
 
@@ -175,44 +191,6 @@ def for_ready_robots(problem: Problem) -> Problem:
 
     """
     return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
-
-
-def with_charging_robots(
-    problem: Problem, plan: Plan, orders: Mapping[str, Sequence[str]], allocator: Allocator
-) -> tuple[Problem, Plan]:
-    """Add the charging robots to a plan of the ready ones.
-
-    Args:
-        problem: as it was posed.
-        plan: of `for_ready_robots(problem)`.
-        orders: of the previous plan.
-        allocator: assigns the remaining jobs.
-
-    Returns:
-        The problem, in which no charging robot may do a job of a ready one; and its plan.
-
-    Raises:
-        BadPlan: another distribution's allocator returned an infeasible plan for the remaining jobs.
-
-    """
-    late = _charging(problem)
-    if not late:
-        return problem, plan
-    done = {job for route in plan.routes if route.worker not in late for job in route.jobs}
-    shared = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
-    left = tuple(job for job in problem.jobs if job.pinned_to in late or not (job.pinned_to or job.id in done))
-    if all(job.pinned_to for job in left):
-        return shared, plan
-    workers = tuple(worker for worker in problem.workers if worker.name in late)
-    rest = msgspec.structs.replace(problem, jobs=left, workers=workers)
-    before = msgspec.structs.replace(plan, routes=tuple(_in_this_order(name, orders.get(name, ())) for name in late))
-    found = allocator.plan(rest, warm_start=before, iterations=1)
-    of_late = {route.worker: route.jobs for route in found.routes}
-    both = repaired(shared, [of_late.get(route.worker, route.jobs) for route in plan.routes], plan.objective)
-    if both is None or both.rank > plan.rank:
-        return shared, plan
-    known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
-    return shared, reasons(shared, make_arrays(shared), both, known)
 
 
 def _charging(problem: Problem) -> list[str]:

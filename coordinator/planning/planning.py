@@ -29,7 +29,6 @@ from robrain.coordinator.planning.snapshot_builder import (
 from robrain.coordinator.tasks.admission import NEAR_M
 from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.charge_power import ChargePower
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
@@ -210,8 +209,6 @@ class Planning:
         wire = lifecycle.wire
         self.policy = policy
         self.chargers = KnownChargers(wire, lifecycle.capabilities.plugins)
-        self.charge_power = ChargePower()
-        """Of the chargers; measured by charging."""
         self.after_charge: dict[str, AfterCharge] = {}
         """Predicted state of charging robots after their charge; maintained by charging."""
         self.charges: tuple[PlannedCharge, ...] = ()
@@ -227,9 +224,7 @@ class Planning:
         self._wire = wire
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
         self._team_map = team_map
-        self._builder = SnapshotBuilder(
-            lifecycle, team_map, self.chargers, self.charge_power, self.exclusion, self.after_charge
-        )
+        self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
         self._eligibility = lifecycle.eligibility
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
@@ -354,7 +349,7 @@ class Planning:
             ended=self._builder.done_before(records, open_ids),
             held=self._builder.held(records),
             ending=self._builder.ending(members, works),
-            members=members,
+            members={name: one._replace(charge_w=self.chargers.least_w(name)) for name, one in members.items()},
             pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
             waiting={
                 record.task.id: reason
@@ -511,9 +506,10 @@ class Planning:
         """Whether the plan has tasks for a robot that it has not begun."""
         return self._next(robot) is not None
 
-    def charges_next(self, robot: str) -> bool:
-        """Whether the plan has a robot charge before the next task that it has not begun."""
-        return self.has_route(robot) and self._to_offer(robot) is None
+    def to_charge(self) -> set[str]:
+        """Robots that the plan has charge before the next task that they have not begun."""
+        names = () if self._plan is None else self._plan.charging
+        return {name for name in names if self.has_route(name) and self._to_offer(name) is None}
 
     def route_energy_j(self, robot: str) -> float | None:
         """Energy of a robot's planned route, joules; None if it has none that it has not begun."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from robrain.coordinator.planning.energy_budget import when_charged
 from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRobot, PredictedEnd, end_of
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.charge_power import ChargePower
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
 from robrain.coordinator.team.team_map import TeamMap
@@ -45,7 +44,6 @@ class SnapshotBuilder:
         lifecycle: of the tasks, with the book and the robots.
         team_map: the known map.
         chargers: known to the robots.
-        power: of the chargers.
         exclusion: why plans exclude a robot now; None if they do not.
         after_charge: predicted states of charging robots after their charge, from `Planning`.
 
@@ -56,14 +54,13 @@ class SnapshotBuilder:
         lifecycle: TaskLifecycle,
         team_map: TeamMap,
         chargers: KnownChargers,
-        power: ChargePower,
         exclusion: Callable[[Robot, int], RobotReason | None],
         after_charge: Mapping[str, AfterCharge],
     ) -> None:
         self.is_blocked = False
         """Whether a robot was blocked since the map was read."""
         self._book, self._roster, self._capabilities = lifecycle.book, lifecycle.roster, lifecycle.capabilities
-        self._map, self._chargers, self._power = team_map, chargers, power
+        self._map, self._chargers = team_map, chargers
         self._exclusion, self._after_charge = exclusion, after_charge
         self._present_ns: dict[str, int] = {}
         self._floor: Floor | None = None
@@ -98,14 +95,12 @@ class SnapshotBuilder:
         }
 
     def _member(self, name: str, state: RobotState, free_ns: int = 0) -> PlanningRobot:
-        chargers = tuple(one.place for one in self._chargers.of.get(name, ()))
         return PlanningRobot(
             state=state,
             offers=self._capabilities.plugins.get(name),
-            chargers=chargers,
+            chargers=tuple(one.place for one in self._chargers.of.get(name, ())),
             home=self._chargers.home.get(name) or _here(state),
             free_ns=free_ns,
-            charge_w=min(map(self._power.of, chargers), default=0.0),
         )
 
     def done_before(self, records: Iterable[TaskRecord], open_ids: set[str]) -> frozenset[str]:

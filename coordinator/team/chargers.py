@@ -1,13 +1,15 @@
-"""The chargers that each robot knows, and its start place, queried from the robot."""
+"""The chargers that each robot knows, and its start place, queried from the robot; and the power of the chargers."""
 
 from collections.abc import Mapping
 from contextlib import suppress
+from typing import NamedTuple
 
 import msgspec
 
-from robrain.protocol.clock import to_ns
+from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_CALL
+from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.wire.endpoint import Endpoint
 
@@ -19,6 +21,14 @@ LONGEST_NS = to_ns(60.0)
 ASKED_MAX = 32
 """Robots queried at once: a query to a thousand takes a quarter of a second, in which the team waits."""
 PLUGIN = "home"
+USUAL_W = 20.0
+"""Of a charger at which no robot has charged yet. Chosen: a dock of 40 W, less a small robot's own consumption and the
+slower last part of a charge."""
+LEAST_W = 1.0
+"""Lower bound of a learned power, so that every charge has an end."""
+WINDOW_NS = to_ns(10.0)
+"""Interval over which the power is measured, against noise in the reported energy."""
+KEPT = 256
 SAME_M = 0.6
 """Chargers closer together than this are the same charger; a robot this close to a charger is at it (chosen)."""
 
@@ -41,6 +51,45 @@ def is_same_charger(one: Point2D, other: Point2D) -> bool:
     return one.distance_m(other) < SAME_M
 
 
+class _Begun(NamedTuple):
+    charger: Point2D
+    remaining_j: float
+    stamp_ns: int
+
+
+class ChargePower:
+    """Learns the power of each charger; the latest measurement counts."""
+
+    def __init__(self) -> None:
+        self._power_w: dict[Point2D, float] = {}
+        self._begun: dict[str, _Begun] = {}
+
+    def of(self, charger: Point2D) -> float:
+        """Power into the battery in watts, above 0."""
+        known = self._known(charger)
+        return USUAL_W if known is None else self._power_w[known]
+
+    def record(self, robot: str, charger: Point2D, battery: BatteryState, now_ns: int) -> None:
+        """Record a battery state of a robot that is charged at a charger."""
+        begun = self._begun.get(robot)
+        if begun is None or not is_same_charger(begun.charger, charger):
+            self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
+        elif now_ns - begun.stamp_ns >= WINDOW_NS:
+            power_w = (battery.remaining_j - begun.remaining_j) / to_seconds(now_ns - begun.stamp_ns)
+            known = self._known(charger)
+            self._power_w[charger if known is None else known] = max(LEAST_W, power_w)
+            while len(self._power_w) > KEPT:
+                del self._power_w[next(iter(self._power_w))]
+            self._begun[robot] = _Begun(charger, battery.remaining_j, now_ns)
+
+    def stop(self, robot: str) -> None:
+        """A robot is no longer charged."""
+        self._begun.pop(robot, None)
+
+    def _known(self, charger: Point2D) -> Point2D | None:
+        return next((place for place in self._power_w if is_same_charger(place, charger)), None)
+
+
 class KnownChargers:
     """Queries each robot's skill `home`, without waiting for the answers.
 
@@ -55,12 +104,17 @@ class KnownChargers:
         """Chargers of each robot that has answered."""
         self.home: dict[str, Point2D] = {}
         """Where each robot started; if it has not answered, where it was first seen."""
+        self.power = ChargePower()
         self._wire = wire
         self._plugins = plugins
         self._inbox = Inbox()
         self._due_ns: dict[str, int] = {}
         self._pause_ns: dict[str, int] = {}
         self._seen_ns: dict[str, int] = {}
+
+    def least_w(self, robot: str) -> float:
+        """Power of the slowest charger that a robot knows; 0 if it knows none."""
+        return min((self.power.of(charger.place) for charger in self.of.get(robot, ())), default=0.0)
 
     def places(self) -> list[Point2D]:
         """Where any robot knows a charger."""

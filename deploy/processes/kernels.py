@@ -28,7 +28,7 @@ PARTS: dict[str, KernelPart] = {
     **{name: part for name, part in model.PARTS.items() if part.at_start},
     "simulation": KernelPart(warm_up_arena, at_start=True),
     "exploration": KernelPart(warm_up_exploration, at_start=True),
-    "plans": KernelPart(warm_up_allocation, at_start=False),
+    "plans": KernelPart(lambda: warm_up_allocation(with_charges=True), at_start=False),
     **{name: part for name, part in model.PARTS.items() if not part.at_start},
 }
 """All parts, in the order in which they are compiled."""

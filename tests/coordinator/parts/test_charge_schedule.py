@@ -13,8 +13,7 @@ from robrain.coordinator.parts.charge_schedule import (
     schedule_charges,
 )
 from robrain.coordinator.planning.energy_budget import DOCK_S
-from robrain.coordinator.team.charge_power import LEAST_W, USUAL_W, ChargePower
-from robrain.coordinator.team.chargers import is_same_charger
+from robrain.coordinator.team.chargers import LEAST_W, USUAL_W, ChargePower, is_same_charger
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D

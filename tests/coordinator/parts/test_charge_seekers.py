@@ -1,5 +1,6 @@
 """Robots as the schedule of the chargers takes them: how far it is for each to which charger, and who is none."""
 
+import math
 from types import SimpleNamespace
 
 import msgspec
@@ -27,7 +28,7 @@ class World:
     def __init__(self, soc: float = 0.3) -> None:
         self.known: ChargerDistances | None = None
         self.out = ""
-        self.route = self.charges_next = False
+        self.route = False
         self.planning = SimpleNamespace(
             policy=PlanningPolicy(time_margin=S_PER_M * PACE_M_S, reserve_share=0.1),
             chargers=SimpleNamespace(of={"r1": (Charger(NEAR), Charger(FAR))}),
@@ -35,7 +36,6 @@ class World:
             exclusion=lambda _robot, _now_ns: self.out,
             route_energy_j=lambda _robot: None,
             has_route=lambda _robot: self.route,
-            charges_next=lambda _robot: self.charges_next,
         )
         self.watch = ChargeSeekers(self.planning, SimpleNamespace(), SimpleNamespace())
         self.robot = Robot("r1")
@@ -111,8 +111,7 @@ def test_who_is_paused_out_knows_no_charger_or_has_tasks_before_the_next_charge_
     world = World()
     world.route = True
     assert world.seeker() is None
-    world.charges_next = True
-    assert world.seeker() is not None
+    assert world.seeker(below=math.inf) is not None
     world = World()
     world.planning.chargers.of.clear()
     assert world.seeker() is None

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
 from robrain.algorithms.allocation.validate import validate
-from robrain.coordinator.planning.plan_search import for_ready_robots, with_charging_robots
+from robrain.coordinator.planning.plan_passes import PlanDraft
+from robrain.coordinator.planning.plan_search import charging_robots, for_ready_robots, without_chargers
 from robrain.protocol.model.tasks.objective import Objective
 from tests.algorithms.allocation.instances import team_problem
 
@@ -29,8 +30,15 @@ def problems(draw):
         area_m=10.0,
     )
     late = draw(st.sets(st.integers(0, robots - 1)))
+    full_share = draw(st.sampled_from([0.0, 1.0, 2.0]))
     workers = tuple(
-        msgspec.structs.replace(worker, ready_s=40.0) if index in late else worker
+        msgspec.structs.replace(
+            worker,
+            ready_s=40.0 * (index in late),
+            chargers=worker.ends if full_share and worker.usable_j > 0 else (),
+            full_j=full_share * worker.usable_j,
+            charge_w=20.0,
+        )
         for index, worker in enumerate(problem.workers)
     )
     return msgspec.structs.replace(problem, workers=workers)
@@ -40,13 +48,16 @@ def problems(draw):
 @given(problems(), st.sampled_from(list(Objective)))
 def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, objective):
     allocator = AuctionAllocator(objective)
-    ready = for_ready_robots(problem)
+    ready = for_ready_robots(without_chargers(problem))
     first = allocator.plan(ready, iterations=1)
     assert validate(ready, first) == []
-    shared, plan = with_charging_robots(problem, first, {}, allocator)
+    draft = PlanDraft(asked=problem, problem=ready, plan=first, orders={}, gain_min=0.0, allocator=allocator)
+    refined = charging_robots(draft)
+    shared, plan = refined.problem, refined.plan
     assert validate(shared, plan) == []
     assert validate(problem, plan) == []  # what is asked for beyond the problem takes nothing from it
     assert plan.rank <= first.rank
+    assert sum(map(len, plan.orders)) >= sum(map(len, first.orders))
     done = {job for route in first.routes for job in route.jobs}
     late = {worker.name for worker in problem.workers if worker.ready_s > 0}
     if len(late) < len(problem.workers):
