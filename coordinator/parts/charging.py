@@ -23,7 +23,6 @@ from robrain.coordinator.planning.energy_budget import (
     DETOUR,
     SOC_LEAST,
     capacity_j,
-    is_for_energy,
     profile_of,
 )
 from robrain.coordinator.planning.planning import Planning
@@ -49,7 +48,7 @@ from robrain.protocol.reasons import (
 )
 
 FULL_ENOUGH = 0.9
-"""A robot above this level is not sent to charge, even if tasks are unplanned."""
+"""Below this level, a robot that lacks only the energy to explore is sent to charge."""
 
 
 class Charge(NamedTuple):
@@ -296,13 +295,11 @@ class Charging(CoordinatorPart):
             planning.after_charge.clear()
             self._publish_schedule((), {}, set(), now_ns)
             return []
-        to_charge = planning.to_charge()
-        is_short = bool(to_charge) or self._is_short()
-        below = FULL_ENOUGH if is_short else planning.policy.charge_below
+        below, to_charge = planning.policy.charge_below, planning.to_charge()
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
         limits |= dict.fromkeys(limits.keys() & to_charge, math.inf)
         seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
-        demand = Demand(CHARGED_SOC, planning.policy.charge_turn, is_short)
+        demand = Demand(CHARGED_SOC, planning.policy.charge_turn, bool(to_charge) or self._has_charging())
         turns = schedule_charges(seekers.values(), demand, planning.chargers.power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
         has_set_out = {one.robot for one in charges}
@@ -327,14 +324,12 @@ class Charging(CoordinatorPart):
         else:
             self._competing.cut_short.discard(robot)
 
-    def _is_short(self) -> bool:
-        """Whether tasks wait for energy: no robot has enough, or only a charging one will."""
-        planning, book, robots = self._planning, self._book, self._roster.robots
-        if any(is_for_energy(left.reason) for left in planning.left_out.values()):
-            return True
+    def _has_charging(self) -> bool:
+        """Whether tasks wait for a robot that charges."""
+        robots, book = self._roster.robots, self._book
         return any(
-            name in robots and is_charging(robots[name], book.of_robot(name)) and planning.has_route(name)
-            for name in planning.after_charge
+            name in robots and is_charging(robots[name], book.of_robot(name)) and self._planning.has_route(name)
+            for name in self._planning.after_charge
         )
 
     def _charge(self, turn: ChargerSlot, one: ChargeSeeker) -> Charge | None:

@@ -16,7 +16,6 @@ from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
 from robrain.protocol.model.energy_model import EnergyModel, Work, estimate
 from robrain.protocol.model.geometry import Pose2D
-from robrain.protocol.reasons import BelowReserve, HolderLacksEnergy, LacksEnergy, NearestOut, PlanReason
 
 UNKNOWN = Profile(start_j=0.0, j_per_m=30.0, s_per_m=2.0)
 """Of a robot that publishes no model: chosen, about that of a small robot of 15 W."""
@@ -149,14 +148,3 @@ def kinds_of(profiles: Sequence[Profile]) -> tuple[list[Profile], list[int]]:
 
 def _step(value: float, share: float) -> int:
     return math.floor(math.log(value) / math.log1p(share))
-
-
-def is_for_energy(reason: PlanReason) -> bool:
-    """Whether a task is unplanned because robots have too little energy for it.
-
-    >>> is_for_energy(NearestOut("r1", LacksEnergy(missing_j=12.0)))
-    True
-    """
-    if isinstance(reason, NearestOut):
-        return isinstance(reason.because, BelowReserve | LacksEnergy)
-    return isinstance(reason, HolderLacksEnergy)

@@ -24,7 +24,6 @@ from robrain.algorithms.allocation.problem import Job, Problem, Worker, make_arr
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
-from robrain.coordinator.planning.energy_budget import is_for_energy
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
@@ -42,7 +41,7 @@ from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.objective import Objective
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import TaskReason, plain
+from robrain.protocol.reasons import BelowReserve, LacksEnergy, NearestOut, PlanReason, TaskReason, plain
 
 logger = logging.getLogger(__name__)
 
@@ -91,9 +90,9 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
         problem = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
         workers = [worker for worker in problem.workers if worker.name in late]
         begun = [job for job in problem.jobs if job.pinned_to in late]
-        plan = _with_left_jobs(draft, problem, plan, workers, begun) or plan
+        plan = _with_left_jobs(draft, problem, plan, workers, begun) or reasons(problem, make_arrays(problem), plan, {})
     full = msgspec.structs.replace(problem, workers=draft.asked.workers)
-    while any(one.reason is not None and is_for_energy(one.reason) for one in plan.unassigned):
+    while any(_lacks_energy(one.reason) for one in plan.unassigned):
         pairs = zip(full.workers, plan.routes, strict=True)
         workers = [one for worker, route in pairs if (one := after_trip(full, worker, route)) is not None]
         more = _with_left_jobs(draft, full, plan, workers)
@@ -101,6 +100,10 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
             break
         problem, plan = full, more
     return msgspec.structs.replace(draft, problem=problem, plan=plan)
+
+
+def _lacks_energy(reason: PlanReason | None) -> bool:
+    return isinstance(reason, NearestOut) and isinstance(reason.because, BelowReserve | LacksEnergy)
 
 
 def _with_left_jobs(
@@ -128,8 +131,7 @@ def _with_left_jobs(
     made = repaired(problem, [list(order) for order in orders], plan.objective)
     if made is None or not made.rank < plan.rank:
         return None
-    known = {one.job: one.reason for one in (*plan.unassigned, *found.unassigned)}
-    return reasons(problem, make_arrays(problem), made, known)
+    return reasons(problem, make_arrays(problem), made, {})
 
 
 def after_trip(problem: Problem, worker: Worker, route: Route) -> Worker | None:

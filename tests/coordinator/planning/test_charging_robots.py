@@ -1,14 +1,19 @@
 """Who charges gets what is left over, and every plan with them keeps what plans must keep."""
 
 import msgspec
+import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.allocation.auction import AuctionAllocator
+from robrain.algorithms.allocation.problem import Job, Problem, Worker
 from robrain.algorithms.allocation.validate import validate
 from robrain.coordinator.planning.plan_passes import PlanDraft
-from robrain.coordinator.planning.plan_search import charging_robots, for_ready_robots, without_chargers
+from robrain.coordinator.planning.plan_search import PlanSolver, charging_robots, for_ready_robots, without_chargers
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.model.tasks.objective import Objective
+from robrain.protocol.reasons import LacksEnergy, NearestOut
 from tests.algorithms.allocation.instances import team_problem
 
 
@@ -63,3 +68,17 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
     if len(late) < len(problem.workers):
         assert not done & {job for route in plan.routes if route.worker in late for job in route.jobs}
     assert all(one.reason is not None for one in plan.unassigned)
+
+
+@pytest.mark.parametrize(("full_j", "charges"), [(100.0, [4.0]), (10.0, [])])
+def test_the_only_robot_for_a_job_charges_first_and_lacks_energy_if_that_does_not_help(full_j, charges):
+    """The other robot, which charges, must not do it."""
+    legs = np.array([[[0.0, 6.0], [6.0, 0.0]]])
+    mine = Worker(name="r1", start=0, ends=(0,), usable_j=6.0, chargers=(0,), full_j=full_j, charge_w=23.5)
+    late = msgspec.structs.replace(mine, name="r2", ready_s=40.0)
+    job = Job(id="t", place=1, prize_j=1e3, forbidden_workers=frozenset(["r2"]))
+    problem = Problem(jobs=(job,), workers=(mine, late), energy_j=legs, time_s=legs)
+    plan = PlanSolver(problem, PlanningPolicy()).plan
+    assert [(charge.end_s - charge.arrive_s) for charge in plan.routes[0].charges] == charges
+    reasons = [one.reason for one in plan.unassigned]
+    assert reasons == ([] if charges else [NearestOut("r1", LacksEnergy(6.0))])
