@@ -70,15 +70,17 @@ def test_those_who_charge_get_nothing_that_somebody_else_was_to_do(problem, obje
     assert all(one.reason is not None for one in plan.unassigned)
 
 
+@pytest.mark.parametrize("able", ["r1", "r2"])
 @pytest.mark.parametrize(("full_j", "charges"), [(100.0, [4.0]), (10.0, [])])
-def test_the_only_robot_for_a_job_charges_first_and_lacks_energy_if_that_does_not_help(full_j, charges):
-    """The other robot, which charges, must not do it."""
+def test_the_only_robot_for_a_job_charges_first_and_lacks_energy_if_that_does_not_help(able, full_j, charges):
+    """Robot r2 is charging already."""
     legs = np.array([[[0.0, 6.0], [6.0, 0.0]]])
-    mine = Worker(name="r1", start=0, ends=(0,), usable_j=6.0, chargers=(0,), full_j=full_j, charge_w=23.5)
-    late = msgspec.structs.replace(mine, name="r2", ready_s=40.0)
-    job = Job(id="t", place=1, prize_j=1e3, forbidden_workers=frozenset(["r2"]))
-    problem = Problem(jobs=(job,), workers=(mine, late), energy_j=legs, time_s=legs)
+    ready = Worker(name="r1", start=0, ends=(0,), usable_j=6.0, chargers=(0,), full_j=full_j, charge_w=23.5)
+    late = msgspec.structs.replace(ready, name="r2", ready_s=40.0)
+    job = Job(id="t", place=1, prize_j=1e3, forbidden_workers=frozenset({"r1", "r2"} - {able}))
+    problem = Problem(jobs=(job,), workers=(ready, late), energy_j=legs, time_s=legs)
     plan = PlanSolver(problem, PlanningPolicy()).plan
-    assert [(charge.end_s - charge.arrive_s) for charge in plan.routes[0].charges] == charges
+    route = next(route for route in plan.routes if route.worker == able)
+    assert [(charge.end_s - charge.arrive_s) for charge in route.charges] == charges
     reasons = [one.reason for one in plan.unassigned]
-    assert reasons == ([] if charges else [NearestOut("r1", LacksEnergy(6.0))])
+    assert reasons == ([] if charges else [NearestOut(able, LacksEnergy(6.0))])
