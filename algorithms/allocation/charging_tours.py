@@ -139,33 +139,25 @@ def fit(
     visits, home = len(graph.nodes) - graph.charges.shape[1], len(graph.nodes) + worker
     node = home if position == 0 else tours.order[worker, position - 1]
     after = home if position == tours.length[worker] else tours.order[worker, position]
-    now_s, left_j = figures[LEAVE_S], figures[LEFT_J]
-    if first >= 0:
-        at = visits + first
-        left_j -= leg_j[node, at]
-        if left_j < -SLACK_J:
-            return LACKS_CHARGE
-        now_s += leg_s[node, at] + (full_j - left_j) / charge_w
-        node, left_j = at, full_j
-    now_s += leg_s[node, visit]
-    if now_s > graph.nodes[visit, LATEST_S] + SLACK_S:
-        return LATE
-    left_j -= leg_j[node, visit]
-    is_enough = left_j >= -SLACK_J
-    now_s = max(now_s, graph.nodes[visit, EARLIEST_S]) + graph.nodes[visit, SERVICE_S]
-    left_j -= graph.nodes[visit, SERVICE_J]
-    node = visit
-    if last >= 0:
-        at = visits + last
-        left_j -= leg_j[node, at]
-        if left_j < -SLACK_J:
-            return LACKS_CHARGE
-        now_s += leg_s[node, at] + (full_j - left_j) / charge_w
-        node, left_j = at, full_j
-    now_s += leg_s[node, after]
-    if now_s > figures[LATE_S] + SLACK_S:
-        return LATE
-    left_j -= leg_j[node, after] + figures[NEED_J]
+    now_s, left_j, is_enough = figures[LEAVE_S], figures[LEFT_J], True
+    for stop, target in ((first, visit), (last, after)):
+        if stop >= 0:
+            at = visits + stop
+            left_j -= leg_j[node, at]
+            if left_j < -SLACK_J:
+                return LACKS_CHARGE
+            now_s += leg_s[node, at] + (full_j - left_j) / charge_w
+            node, left_j = at, full_j
+        now_s += leg_s[node, target]
+        left_j -= leg_j[node, target]
+        if now_s > (graph.nodes[visit, LATEST_S] if target == visit else figures[LATE_S]) + SLACK_S:
+            return LATE
+        if target == visit:
+            is_enough = left_j >= -SLACK_J
+            now_s = max(now_s, graph.nodes[visit, EARLIEST_S]) + graph.nodes[visit, SERVICE_S]
+            left_j -= graph.nodes[visit, SERVICE_J]
+            node = visit
+    left_j -= figures[NEED_J]
     if not is_enough or left_j < -SLACK_J:
         return LACKS_CHARGE
     stop_s = max(now_s + figures[NEED_S], figures[WAIT_S])
