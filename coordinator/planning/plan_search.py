@@ -81,7 +81,7 @@ def charging_robots(draft: PlanDraft) -> PlanDraft:
 
     Objectives in joules give time no value. A robot that is free in five minutes is as good as one that is free now.
     One robot that charges often is as good as several. So the first plan is for the robots that are ready
-    (`for_ready_robots`). Each further trip gets only what is left out for lack of energy.
+    (`for_ready_robots`). Each further trip contains only jobs that the plan leaves out.
     """
     problem, plan = without_chargers(draft.asked), draft.plan
     late = _charging(problem)
