@@ -5,6 +5,7 @@ unknown place may be free. Names that a task refers to must be known when it is 
 """
 
 import difflib
+import itertools
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -27,6 +28,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     SEEK,
     SENSE,
     check_parameters,
+    places_of,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
 from robrain.protocol.model.zone import NO_ENDING, Zone
@@ -90,8 +92,8 @@ def impossibility(
         or _deadline_refusal(task, now_ns)
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
-        or _zone_refusal(task.place, zones, seen, robots, radius_m)
-        or _place_refusal(task, grid, radius_m)
+        or _zone_refusal(places := places_of(task), zones, seen, robots, radius_m)
+        or _place_refusal(places, grid, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _same_robot_refusal(task, others)
         or _cycle_refusal(task, others)
@@ -217,36 +219,42 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
 
 
 def _zone_refusal(
-    place: Point2D, zones: Sequence[Zone], seen: "OccupancyGrid | None", robots: Sequence[Point2D], radius_m: float
+    places: Sequence[Point2D],
+    zones: Sequence[Zone],
+    seen: "OccupancyGrid | None",
+    robots: Sequence[Point2D],
+    radius_m: float,
 ) -> str:
     zones = [zone for zone in zones if not zone.robots]
-    for zone in zones:
+    for place, zone in itertools.product(places, zones):
         if zone.kind in NO_ENDING and zone.holds(place):
             return f"({place.x_m:g}, {place.y_m:g}) is in the {NO_ENDING[zone.kind]} zone {zone.name}"
     if not zones or seen is None:
         return ""
     from robrain.algorithms.navigation.separation import Separation
 
-    if names := Separation(seen.classes(), seen.geometry, zones, robots, radius_m).zones_before(place, NEAR_M):
-        return f"the keep-out zone {' or '.join(names)} separates ({place.x_m:g}, {place.y_m:g}) from all robots"
+    separation = Separation(seen.classes(), seen.geometry, zones, robots, radius_m)
+    for place in places:
+        if names := separation.zones_before(place, NEAR_M):
+            return f"the keep-out zone {' or '.join(names)} separates ({place.x_m:g}, {place.y_m:g}) from all robots"
     return ""
 
 
-def _place_refusal(task: Task, grid: "OccupancyGrid | None", radius_m: float) -> str:
-    place = task.place
+def _place_refusal(places: Sequence[Point2D], grid: "OccupancyGrid | None", radius_m: float) -> str:
     if grid is None:
         return ""
     geometry = grid.geometry
-    row, column = geometry.cell_of(place.x_m, place.y_m)
-    if not geometry.contains(row, column):
-        x1_m = geometry.origin_x_m + geometry.width * geometry.resolution_m
-        y1_m = geometry.origin_y_m + geometry.height * geometry.resolution_m
-        bounds = f"x {geometry.origin_x_m:g} to {x1_m:g} m, y {geometry.origin_y_m:g} to {y1_m:g} m"
-        return f"({place.x_m:g}, {place.y_m:g}) is outside of the map: {bounds}"
-    if grid.log_odds[row, column] > 0:
-        return f"({place.x_m:g}, {place.y_m:g}) is in a wall, or in something else that is known to stand there"
-    if radius_m > 0.0 and not _fits_near(place, grid, radius_m):
-        return f"no robot fits within {NEAR_M:g} m of ({place.x_m:g}, {place.y_m:g})"
+    for place in places:
+        row, column = geometry.cell_of(place.x_m, place.y_m)
+        if not geometry.contains(row, column):
+            x1_m = geometry.origin_x_m + geometry.width * geometry.resolution_m
+            y1_m = geometry.origin_y_m + geometry.height * geometry.resolution_m
+            bounds = f"x {geometry.origin_x_m:g} to {x1_m:g} m, y {geometry.origin_y_m:g} to {y1_m:g} m"
+            return f"({place.x_m:g}, {place.y_m:g}) is outside of the map: {bounds}"
+        if grid.log_odds[row, column] > 0:
+            return f"({place.x_m:g}, {place.y_m:g}) is in a wall, or in something else that is known to stand there"
+        if radius_m > 0.0 and not _fits_near(place, grid, radius_m):
+            return f"no robot fits within {NEAR_M:g} m of ({place.x_m:g}, {place.y_m:g})"
     return ""
 
 

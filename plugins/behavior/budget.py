@@ -119,10 +119,14 @@ class Budget:
 
     def path_m(self, start: Point2D, goal: Point2D) -> float:
         """Length of the path between two places by the map; without one, 1.5 times the straight line."""
-        view = self._travel.view()
-        path = self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
+        path = self.path(start, goal)
         # A path ends at the nearest place to its goal where the robot can stand.
         return length_m([start, *path]) if path else DETOUR * start.distance_m(goal)
+
+    def path(self, start: Point2D, goal: Point2D) -> list[Point2D] | None:
+        """A path between two places by the map, through narrow places if necessary; None if there is none."""
+        view = self._travel.view()
+        return self._planner.plan(view, start, goal, []) or self._planner.plan(view, start, goal, [], is_narrow=True)
 
 
 def length_m(points: Sequence[Point2D]) -> float:

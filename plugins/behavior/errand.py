@@ -37,6 +37,7 @@ from robrain.protocol.errors import CallError
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
+from robrain.protocol.model.tasks.stock_kinds import TaskParameters
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
 from robrain.protocol.reasons import OfferRefusal, PlainReason, Shut, needs_time, no_path, plain
 
@@ -51,7 +52,7 @@ SETTLE_S = 4.0
 ACTION_LIMIT_S = 20.0
 FACED_RAD = 0.05
 
-P = TypeVar("P", bound=msgspec.Struct)
+P = TypeVar("P", bound=TaskParameters)
 Script = Generator[None, None, dict[str, Any]]
 Part = Generator[None, None, None]
 """A piece of a script, for `yield from`."""
@@ -308,13 +309,16 @@ class Errand(Behavior, ABC, Generic[P]):
             return TaskAnswer.refused(PlainReason(str(error)))
         if (lost := self.travel.position_lost) is not None:
             return TaskAnswer.refused(lost)
-        goal = task.place
-        if not self.travel.may_stay(goal):
-            return TaskAnswer.refused(self.travel.shut_before(goal) or IN_ZONE)
+        goal, further = task.place, parameters.further_places
+        for place in (goal, *further):
+            if not self.travel.may_stay(place):
+                return TaskAnswer.refused(self.travel.shut_before(place) or IN_ZONE)
         path = self.travel.plan(goal)
         if path is None:
-            blocked = UNEXPLORED if self.travel.view().is_unexplored(goal) else no_path()
-            return TaskAnswer.refused(self.travel.shut_before(goal) or blocked)
+            return TaskAnswer.refused(self._no_path_to(goal))
+        for place in further:
+            if self.budget.path(goal, place) is None:
+                return TaskAnswer.refused(self._no_path_to(place))
         path_m = length_m([self.travel.place(), *path])
         _, home_m = self.budget.path_home(path[-1] if path else goal)
         delay_s = self.travel.doors_s(path) + self.travel.delay_s(self._pace_m_s(), path)
@@ -325,6 +329,10 @@ class Errand(Behavior, ABC, Generic[P]):
         self.drop()
         self.accept_task(run)
         return TaskAnswer(accepted=True)
+
+    def _no_path_to(self, place: Point2D) -> OfferRefusal:
+        blocked = UNEXPLORED if self.travel.view().is_unexplored(place) else no_path()
+        return self.travel.shut_before(place) or blocked
 
     def refusal(self, run: Run[P]) -> OfferRefusal | None:
         """Reason why a task cannot be accepted, before it is begun; None if it can."""

@@ -1,5 +1,6 @@
 """Parameters of the stock kinds of tasks."""
 
+from collections.abc import Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final
 
@@ -8,7 +9,7 @@ from msgspec import Meta
 
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import Duration, Name, PositiveDuration, Quantity, Radians
-from robrain.protocol.model.tasks.task import Task, parameters_of
+from robrain.protocol.model.tasks.task import BadParameters, Task, parameters_of
 
 EXPLORE: Final = "explore"
 VISIT: Final = "visit"
@@ -37,6 +38,11 @@ class TaskParameters(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
         """As a task carries them."""
         content: dict[str, Any] = msgspec.to_builtins(self)
         return content
+
+    @property
+    def further_places(self) -> Sequence[Point2D]:
+        """Places after the task's own, arena frame. A robot that cannot reach them refuses the task."""
+        return ()
 
 
 class Inspect(TaskParameters, frozen=True, kw_only=True):
@@ -146,6 +152,11 @@ class Patrol(TaskParameters, frozen=True, kw_only=True):
     pause_s: Duration = 0.0
     """Time at each place."""
 
+    @property
+    def further_places(self) -> Sequence[Point2D]:
+        """All stops."""
+        return self.stops
+
 
 class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A further item of a delivery."""
@@ -168,6 +179,11 @@ class Deliver(TaskParameters, frozen=True, kw_only=True):
     """Mass of the item."""
     items: Annotated[list[Item], Meta(max_length=15)] = []
     """Further items. The robot chooses the order of its stops within its capacity."""
+
+    @property
+    def further_places(self) -> Sequence[Point2D]:
+        """Where items are picked up and go."""
+        return [self.to, *(place for item in self.items for place in (item.pick_up, item.to))]
 
 
 class Sweep(TaskParameters, frozen=True, kw_only=True):
@@ -218,6 +234,14 @@ STOCK_KINDS: MappingProxyType[str, type[TaskParameters]] = MappingProxyType(
     }
 )
 """The type of the parameters of each kind."""
+
+
+def places_of(task: Task) -> list[Point2D]:
+    """The places to which a task leads, in the arena frame; of a kind with other parameters only its own place."""
+    try:
+        return [task.place, *parameters_of(task, STOCK_KINDS.get(task.kind, TaskParameters)).further_places]
+    except BadParameters:
+        return [task.place]
 
 
 def check_parameters(task: Task) -> None:

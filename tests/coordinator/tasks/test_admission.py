@@ -13,11 +13,12 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.tasks.stock_kinds import Deliver, Patrol
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import AfterEnded, PlainReason
 
 NOW_NS = to_ns(1000.0)
-ALL = {"r1": frozenset({"visit", "explore"}), "r2": frozenset({"visit", "inspect", "camera"})}
+ALL = {"r1": frozenset({"visit", "explore", "deliver", "patrol"}), "r2": frozenset({"visit", "inspect", "camera"})}
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,10 @@ def grid() -> OccupancyGrid:
 
 def visit(x_m: float = 1.0, y_m: float = 1.0, **fields) -> Task:
     return Task(id=fields.pop("id", "t1"), kind="visit", place=Point2D(x_m, y_m), **fields)
+
+
+def errand(parameters: Deliver | Patrol) -> Task:
+    return Task(id="t1", kind=type(parameters).__name__.lower(), place=Point2D(1.0, 1.0), parameters=parameters.json)
 
 
 def why(task, grid=None, plugins=ALL, others=()) -> str:
@@ -66,6 +71,8 @@ def test_a_task_that_can_be_done_is_not_refused(grid) -> None:
         (visit(1.0, -0.1), "(1, -0.1) is outside of the map: x 0 to 10 m, y 0 to 5 m"),
         (visit(2.05, 1.0), "(2.05, 1) is in a wall, or in something else that is known to stand there"),
         (Task(id="e", kind="explore", place=Point2D(2.05, 1.0)), "(2.05, 1) is in a wall, or in something else"),
+        (errand(Deliver(to=Point2D(2.05, 1.0))), "(2.05, 1) is in a wall, or in something else"),
+        (errand(Patrol(stops=[Point2D(4.0, 1.0), Point2D(11.0, 1.0)])), "(11, 1) is outside of the map"),
         (visit(deadline_ns=NOW_NS - to_ns(2.5)), "its deadline was 2.5 s ago"),
         (visit(deadline_ns=NOW_NS), "its deadline was 0.0 s ago"),
         (visit(deadline_ns=NOW_NS + to_ns(5.0), service_s=6.0), "it takes 6 s at its place alone, and there are 5.0 s"),

@@ -77,6 +77,13 @@ def test_a_place_that_is_not_on_the_map_yet_is_refused_as_unexplored(errands):
     assert (answer.reason, answer.why) == (Plain("unexplored"), "no way there, as its place is not explored yet")
 
 
+@pytest.mark.parametrize(("to", "reason"), [(NEXT_ROOM, Plain("unexplored")), (WALLED, no_path())])
+def test_a_delivery_to_a_place_that_cannot_be_reached_is_refused(errands, to, reason):
+    run = errands("deliver", parameters={"mapper": {"width_m": 20.0}})
+    task = Task(id="d", kind="deliver", place=Point2D(2.5, 1.0), parameters={"to": {"x_m": to.x_m, "y_m": to.y_m}})
+    assert run.offer(task).reason == reason
+
+
 # -- ends before its time -------------------------------------------------------------------------------------------
 
 
