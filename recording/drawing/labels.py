@@ -21,4 +21,4 @@ def span_text(time_s: float) -> str:
     """
     if time_s < 100:
         return f"{time_s:.0f} s"
-    return f"{time_s / 60:.0f} min" if time_s < 6000 else f"{min(time_s / 3600, 9999):.1f} h"
+    return f"{time_s / 60:.0f} min" if time_s < 5400 else f"{min(time_s / 3600, 9999):.1f} h"
