@@ -26,12 +26,13 @@ from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
+    Interruption,
+    NeedsEnergy,
     NoState,
     Occupied,
     OfferRefusal,
     OutOfService,
     PlainReason,
-    Shut,
     plain,
     sentence_of,
 )
@@ -75,7 +76,7 @@ def work_at_place(task: Task) -> Work:
 class _End(NamedTuple):
     task_id: str
     state: TaskState
-    reason: str | Shut
+    reason: str | Interruption
     result: dict[str, Any]
 
 
@@ -137,7 +138,7 @@ class RobotTasks:
         self._current: _Executor | None = None
         self._begun = ""
         self._own: _Own | None = None
-        self._recalled = ""
+        self._recalled: NeedsEnergy | None = None
         self.on_line: Callable[[], None] | None = None
         """Called, on any thread, when a behavior has reported how its task ended: `status` is about to change."""
 
@@ -228,8 +229,8 @@ class RobotTasks:
         if self._own is not None and self._own.name == name:
             self._own = None
 
-    def recall(self, reason: str) -> None:
-        """Have the running task end as failed: the robot cannot continue it. On any thread; done at the next step."""
+    def recall(self, reason: NeedsEnergy) -> None:
+        """Have the robot return its task: it has to charge. On any thread; done at the next step."""
         self._recalled = reason
 
     def register(self, kind: str, accept: Accept, let_go: LetGo, work: TaskWork = work_at_place) -> None:
@@ -380,7 +381,7 @@ class RobotTasks:
         self._epoch = offer.epoch
         self._lease_ns = lease_ns
         self._own = None
-        self._recalled = ""
+        self._recalled = None
         if before[1] is not None and before[1] is not executor:
             before[1].let_go(f"{offer.task.id} has taken its place")
         self._begun = offer.task.id
@@ -402,7 +403,7 @@ class RobotTasks:
         return TaskAnswer(accepted=True)
 
     def end(
-        self, task_id: str, state: TaskState, reason: str | Shut = "", result: dict[str, Any] | None = None
+        self, task_id: str, state: TaskState, reason: str | Interruption = "", result: dict[str, Any] | None = None
     ) -> None:
         """The behavior reports, on any thread, how its task ended and its result.
 
@@ -430,13 +431,15 @@ class RobotTasks:
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
-    def _end(self, task_id: str, state: TaskState, reason: str | Shut, result: dict[str, Any] | None = None) -> None:
+    def _end(
+        self, task_id: str, state: TaskState, reason: str | Interruption, result: dict[str, Any] | None = None
+    ) -> None:
         status = self._status
         if status is not None and status.id == task_id and not status.state.ended:
             if state is TaskState.DONE:
                 self._done.append((task_id, self._checked_ns or 0))
             ended = msgspec.structs.replace(status, state=state, why=cut(str(reason)), result=result or {})
-            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, Shut) else None)
+            self._status = msgspec.structs.replace(ended, reason=reason if isinstance(reason, Interruption) else None)
             self._current = None
 
     def check_lease(self, now_ns: int) -> None:
@@ -446,7 +449,7 @@ class RobotTasks:
         Another robot may have received the task.
         """
         checked_ns, self._checked_ns = self._checked_ns, now_ns
-        recalled, self._recalled = self._recalled, ""
+        recalled, self._recalled = self._recalled, None
         held = self.held
         received_ns = self.coordinator_seen_ns if self.trusted_ns is None else self._vouched_ns
         if held is not None:
@@ -456,7 +459,7 @@ class RobotTasks:
             if recalled or silent_ns > max(lease_ns, self.goes_on_ns) or now_ns - since_ns > lease_ns:
                 self.held = None
         if recalled and self.is_busy:
-            self._let_go(TaskState.FAILED, recalled)
+            self._let_go(TaskState.CANCELLED, recalled)
         if self._current is None or received_ns is None:
             return
         if (self.status if self._ends else self._status) is None:
@@ -480,12 +483,12 @@ class RobotTasks:
         if self._current is not None and self.status is not None and not there:
             self._end(self.status.id, TaskState.FAILED, "the behavior that did it has gone")
 
-    def _let_go(self, state: TaskState, reason: str) -> None:
+    def _let_go(self, state: TaskState, reason: str | Interruption) -> None:
         status, executor = self.status, self._current
         if status is not None:
             self._end(status.id, state, reason)
         if executor is not None:
-            executor.let_go(reason)
+            executor.let_go(str(reason))
 
 
 def _too_old(epoch: int, newest: int) -> TaskAnswer:

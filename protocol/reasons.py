@@ -177,6 +177,10 @@ Shut = DoorShut | ZoneShut
 """Something on the only path is closed, and opens again."""
 
 
+Interruption = DoorShut | NeedsEnergy | ZoneShut
+"""Reasons for which a robot returns a task without having failed at it."""
+
+
 def shut(zone: Zone) -> Shut:
     """The zone is closed, and opens again."""
     return DoorShut(zone.name) if zone.kind is ZoneKind.DOOR else ZoneShut(zone.name)

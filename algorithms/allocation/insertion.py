@@ -34,6 +34,8 @@ class RouteBatch(NamedTuple):
     """(W,) arrival at the charger; `ready_s` for an empty route."""
     load_kg: Floats
     """(W, V + 1) load at the start (column 0) and after each visit."""
+    delay_w: Floats
+    """(W, V + 1) of each visit and those after it."""
 
 
 def empty_routes(team: TeamArrays, visits: VisitArrays) -> RouteBatch:
@@ -47,6 +49,7 @@ def empty_routes(team: TeamArrays, visits: VisitArrays) -> RouteBatch:
         np.zeros(workers),
         np.zeros(workers),
         np.zeros(workers),
+        np.zeros((workers, count + 1)),
         np.zeros((workers, count + 1)),
     )
     for worker in range(workers):
@@ -84,6 +87,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
     routes.end_s[worker] = now_s
     late_s = team.horizon_s
     routes.late_s[worker, length] = late_s
+    routes.delay_w[worker, length] = 0.0
     for position in range(length - 1, -1, -1):
         visit = routes.order[worker, position]
         here = visits.exit_place[visit]
@@ -93,6 +97,7 @@ def refresh(team: TeamArrays, visits: VisitArrays, routes: RouteBatch, worker: i
             late_s -= team.time_s[profile, here, visits.place[routes.order[worker, position + 1]]]
         late_s = min(late_s - visits.service_s[visit], visits.latest_s[visit])
         routes.late_s[worker, position] = late_s
+        routes.delay_w[worker, position] = routes.delay_w[worker, position + 1] + visits.delay_w[visit]
 
 
 @njit(cache=True, nogil=True)
@@ -129,9 +134,10 @@ def insertion_at(
 ) -> tuple[float, float]:
     """Cost of inserting a visit at a position of a worker's route. The load of a pickup with a delivery is not checked.
 
-    Returns: The bid by the rule (additional joules, time of return, or minus the remaining energy) and the additional
-        joules. Both are infinite if a visit would be late, the load is too large or there is no path. If only the
-        energy does not suffice, the bid is infinite.
+    Returns: The bid by the rule (additional joules and delays, time of return, or minus the remaining energy) and the
+        additional joules. Both are infinite if a visit would be late, the load is too large or there is no path. If
+        only the energy does not suffice, the bid is infinite. Delays count as if no later visit waited for its
+        earliest start.
 
     """
     if visits.delivery[visit] < 0 and not carries(team, routes, worker, position, visits.load_kg[visit]):
@@ -178,7 +184,10 @@ def insertion_at(
     if not spent_j <= team.usable_j[worker] + SLACK_J:
         return math.inf, more_j
     if rule == BY_ENERGY:
-        return more_j, more_j
+        delay_j = visits.delay_w[visit] * leave_s
+        if routes.delay_w[worker, position] > 0:
+            delay_j += routes.delay_w[worker, position] * (leave_s + back_s - routes.leave_s[worker, position] - old_s)
+        return more_j + delay_j, more_j
     return (end_s, more_j) if rule == BY_FINISH else (spent_j - team.usable_j[worker], more_j)
 
 
@@ -212,7 +221,7 @@ def cheapest_pair(
     if not visits.allowed[worker, visit]:
         return best_bid, best_more_j, best_position, best_later
     for position in range(first, routes.length[worker] + 1):
-        _, pickup_j = insertion_at(team, visits, routes, worker, visit, position, BY_ENERGY)
+        pickup_bid, pickup_j = insertion_at(team, visits, routes, worker, visit, position, BY_ENERGY)
         if not pickup_j < math.inf:
             continue
         insert(team, visits, routes, worker, visit, position)
@@ -222,7 +231,7 @@ def cheapest_pair(
             bid, more_j = insertion_at(team, visits, routes, worker, delivery, later, rule)
             more_j += pickup_j
             if rule == BY_ENERGY:
-                bid += pickup_j
+                bid += pickup_bid
             if bid < best_bid or (bid == best_bid and more_j < best_more_j):
                 best_bid, best_more_j, best_position, best_later = bid, more_j, position, later
         remove(team, visits, routes, worker, position)

@@ -74,6 +74,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     unassigned: tuple[Unassigned, ...] = ()
     cost_j: float
     lost_prize_j: float
+    delay_j: float = 0.0
+    """Sum of the jobs' `delay_w` times their ends."""
     makespan_s: float
     """Time when the last robot with a job arrives at its charger; 0 if no robot has one."""
     least_left_j: float
@@ -83,7 +85,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     def value(self) -> float:
         """The objective's figure: joules (energy), seconds (makespan), joules (lifetime; more is better)."""
         if self.objective is Objective.ENERGY:
-            return self.cost_j + self.lost_prize_j
+            return self.cost_j + self.delay_j + self.lost_prize_j
         return self.makespan_s if self.objective is Objective.MAKESPAN else self.least_left_j
 
     @property
@@ -91,7 +93,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
         """Of two plans for one problem and objective, the one with the lesser rank is better."""
         match self.objective:
             case Objective.ENERGY:
-                return (_coarse(self.cost_j + self.lost_prize_j), self.makespan_s, 0.0)
+                return (_coarse(self.value), self.makespan_s, 0.0)
             case Objective.MAKESPAN:
                 return (_coarse(self.lost_prize_j), self.makespan_s, self.cost_j)
             case Objective.LIFETIME:
@@ -144,6 +146,13 @@ def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Obje
         unassigned=tuple(Unassigned(job.id) for job in left_out),
         cost_j=math.fsum(route.energy_j for route in routes),
         lost_prize_j=math.fsum(job.prize_j for job in left_out),
+        delay_j=math.fsum(
+            {
+                stop.job: problem.jobs[problem.job_index[stop.job]].delay_w * stop.end_s
+                for route in routes
+                for stop in route.stops
+            }.values()
+        ),
         makespan_s=max((route.end_s for route in routes if route.stops), default=0.0),
         least_left_j=min((route.left_j for route in routes), default=math.inf),
     )

@@ -33,6 +33,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     place: int
     prize_j: float
     """Value in joules: under `Objective.ENERGY` the job stays unassigned if it would cost more."""
+    delay_w: float = 0.0
+    """Joules that each second until its end counts for under `Objective.ENERGY`."""
     service_s: float = 0.0
     service_j: float = 0.0
     """Energy that each of its robots spends at the place."""
@@ -62,7 +64,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     a robot does both or neither. An unknown id has no effect."""
 
     def __post_init__(self) -> None:
-        for name in ("prize_j", "service_s", "service_j", "earliest_s"):
+        for name in ("prize_j", "delay_w", "service_s", "service_j", "earliest_s"):
             if not 0 <= getattr(self, name) <= LARGEST:
                 raise ValueError(f"job {self.id}: expected a finite {name} >= 0, got {getattr(self, name)}")
         if not self.latest_s >= 0:
@@ -285,6 +287,8 @@ class VisitArrays(NamedTuple):
     """Where the worker is at the end of the visit."""
     prize_j: Floats
     """The job's prize, divided among its visits; that of a delivery belongs to its pickup."""
+    delay_w: Floats
+    """The job's, divided likewise."""
     service_s: Floats
     service_j: Floats
     earliest_s: Floats
@@ -305,6 +309,7 @@ class VisitArrays(NamedTuple):
             self.place[rows],
             self.exit_place[rows],
             self.prize_j[rows],
+            self.delay_w[rows],
             self.service_s[rows],
             self.service_j[rows],
             self.earliest_s[rows],
@@ -362,6 +367,7 @@ def make_arrays(problem: Problem) -> ProblemArrays:
         np.array([job.place for job in chosen], np.int64),
         np.array([job.exit_place for job in chosen], np.int64),
         prize_j,
+        np.array([job.delay_w / job.robots for job in chosen], np.float64),
         np.array([job.service_s for job in chosen], np.float64),
         np.array([job.service_j for job in chosen], np.float64),
         np.array([job.earliest_s for job in chosen], np.float64),

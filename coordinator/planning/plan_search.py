@@ -174,7 +174,8 @@ def _gain(kept: Plan, best: Plan) -> float:
     """Relative improvement of the best plan over the kept one."""
     match best.objective:
         case Objective.ENERGY:
-            return _share(kept.cost_j - best.cost_j, kept.cost_j)
+            kept_j = kept.cost_j + kept.delay_j
+            return _share(kept_j - best.cost_j - best.delay_j, kept_j)
         case Objective.MAKESPAN:
             return _share(kept.makespan_s - best.makespan_s, kept.makespan_s)
         case Objective.LIFETIME:

@@ -83,6 +83,9 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Value of a task of priority 1 in joules; priority p is worth p times that. It is more than a robot's battery
     holds (1 MJ is 278 Wh), so every feasible task is worth doing. If there is energy for only one of two tasks, the one
     of higher priority is done. Its priority must be higher by at least `capacity / prize_j`."""
+    delay_w: NotNegative = 10.0
+    """Value in joules of each second by which a task of priority 1 ends earlier, for the objective `energy`; priority
+    p counts p times that. With 0, few robots do everything if that saves paths, one task after the other."""
     reserve_share: Annotated[float, Meta(ge=0, lt=1)] = 0.1
     """Share of the full battery that must be left when the robot is back at its charger. Chosen to be more careful than
     the robots themselves, which go home with a reserve of one minute."""

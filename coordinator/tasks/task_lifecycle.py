@@ -202,7 +202,7 @@ class TaskLifecycle:
         if record is not None and status.state is TaskState.FAILED:
             self.backoff.record(record.task.id, robot, plain("failed", f"failed: {cut(status.why)}"), now_ns)
         elif record is not None and status.state is TaskState.CANCELLED and (status.reason or self._was_held(record)):
-            # It was refused when it was to begin, or a door does not open.
+            # It was refused when it was to begin, a door does not open, or the robot has to charge.
             self._avoid_refuser(status.id, robot, status.reason or PlainReason(cut(status.why)), now_ns)
         return record
 

@@ -39,7 +39,16 @@ from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.model.geometry import Point2D, wrap_angle_rad
 from robrain.protocol.model.tasks.stock_kinds import TaskParameters
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState, parameters_of
-from robrain.protocol.reasons import OfferRefusal, PlainReason, Shut, needs_time, no_path, plain
+from robrain.protocol.reasons import (
+    Interruption,
+    NeedsEnergy,
+    OfferRefusal,
+    PlainReason,
+    Shut,
+    needs_time,
+    no_path,
+    plain,
+)
 
 STEP_S = 0.25
 MEASURED_S = 300.0
@@ -260,7 +269,7 @@ class Errand(Behavior, ABC, Generic[P]):
         self._measure(run)
         reason = self._stop_reason(run)
         if reason:
-            self.finish(TaskState.FAILED, reason)
+            self.finish(TaskState.CANCELLED if isinstance(reason, NeedsEnergy) else TaskState.FAILED, reason)
             return
         if self._is_lost(run):
             return
@@ -382,7 +391,7 @@ class Errand(Behavior, ABC, Generic[P]):
             run.is_as_planned = False  # learn once from one path
             self.budget.energy.outcome(Work(path_m=run.path_m), run.energy_j)
 
-    def finish(self, state: TaskState, reason: str | Shut, result: dict[str, Any] | None = None) -> None:
+    def finish(self, state: TaskState, reason: str | Interruption, result: dict[str, Any] | None = None) -> None:
         """The task has ended."""
         run = self.run
         self.drop()
@@ -445,25 +454,22 @@ class Errand(Behavior, ABC, Generic[P]):
     def _pace_m_s(self) -> float:
         return 1.0 / self.budget.energy.estimate(Work(path_m=1.0)).duration_s
 
-    def _stop_reason(self, run: Run[P]) -> str:
+    def _stop_reason(self, run: Run[P]) -> str | NeedsEnergy | None:
         now_ns = self._now_ns()
         if run.task.deadline_ns is not None and now_ns > run.task.deadline_ns:
             return "the deadline has passed"
         if now_ns < run.check_ns:
-            return ""
+            return None
         run.check_ns = now_ns + CHECK_NS
         return self.homing_reason(run)
 
-    def homing_reason(self, run: Run[P]) -> str:
-        """Reason why a running task cannot continue, in joules; the robot is sent home then.
-
-        Empty if it can.
-        """
+    def homing_reason(self, run: Run[P]) -> NeedsEnergy | None:
+        """Reason why a running task cannot continue, and the robot is sent home; None if it can."""
         verdict = self.budget.judge(self._left(run), run.home_m)
         if verdict.is_affordable:
-            return ""
+            return None
         self.budget.home.ask(f"{run.task.id} {verdict.words}")
-        return verdict.words
+        return verdict.reason
 
     def _now_ns(self) -> int:
         return self.env.clock.now_ns()

@@ -395,9 +395,8 @@ class RechargeBehavior(Errand[Recharge]):
     def refusal(self, run: Run[Recharge]) -> None:
         """Nothing: running out of energy on the path to a charger is no worse than waiting for it."""
 
-    def homing_reason(self, run: Run[Recharge]) -> str:
+    def homing_reason(self, run: Run[Recharge]) -> None:
         """Nothing: the robot already drives there."""
-        return ""
 
     def accept(self, task: Task) -> TaskAnswer:
         """Accept a task; its charger is known from now on."""
@@ -457,7 +456,7 @@ class RechargeBehavior(Errand[Recharge]):
             return
         self._wanted = f"the way home {verdict.words}"
         if self.env.tasks.is_busy:
-            self.env.tasks.recall(self._wanted)
+            self.env.tasks.recall(verdict.reason)
 
     def _clear_charger(self) -> None:
         """Leave a charger that the robot no longer needs, when a teammate waits for one."""

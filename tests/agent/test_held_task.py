@@ -10,7 +10,7 @@ from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import TaskStatus
 from robrain.protocol.messages.tasks.offer_messages import TaskWithdrawal
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import DoneJustNow, PlainReason
+from robrain.protocol.reasons import DoneJustNow, NeedsEnergy, PlainReason
 from tests.agent.explorer import NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
@@ -160,12 +160,12 @@ class DeskWithNext(RuleBasedStateMachine):
 
     @rule()
     def recall(self):
-        self.desk.recall("no energy")
+        self.desk.recall(NeedsEnergy(80.0, 60.0))
         self.desk.check_lease(self.now_ns)
         self.checked_ns = self.now_ns
         self.held = None
         if self.runs:
-            self.task = (*self.task[:2], TaskState.FAILED)
+            self.task = (*self.task[:2], TaskState.CANCELLED)
 
     @rule(steps=st.integers(1, 8))
     def wait(self, steps):

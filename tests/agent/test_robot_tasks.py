@@ -10,7 +10,7 @@ from robrain.protocol.messages.team.team_messages import RobotSummary, TeamState
 from robrain.protocol.model.energy_model import Work
 from robrain.protocol.model.ranges import REASON_TEXT_MAX
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.reasons import DoneJustNow, NoState, Occupied
+from robrain.protocol.reasons import DoneJustNow, NeedsEnergy, NoState, Occupied
 from tests.agent.explorer import GOAL, NO, YES, Explorer, offer
 from tests.plain_reason import Plain
 
@@ -241,14 +241,16 @@ def test_robot_that_stood_still_for_just_the_lease_keeps_what_it_holds_and_for_l
         desk._checked_ns = None
 
 
-def test_task_that_is_recalled_fails_once_and_what_is_held_goes_with_it(desk, explorer):
+def test_task_that_is_recalled_is_returned_once_and_what_is_held_goes_with_it(desk, explorer):
     desk.offer(offer(), 0)
     desk.offer(held(), 0)
-    desk.recall("the battery is empty")
+    reason = NeedsEnergy(80.0, 60.0)
+    desk.recall(reason)
     desk.check_lease(1)
-    assert (desk.status.state, desk.status.why) == (TaskState.FAILED, "the battery is empty")
+    assert (desk.status.state, desk.status.reason) == (TaskState.CANCELLED, reason)
+    assert desk.status.why == str(reason)
     assert desk.facts.next_task is None
-    assert explorer.let_go_of == ["the battery is empty"]
+    assert explorer.let_go_of == [str(reason)]
     desk.offer(offer("t3", epoch=3), 2)
     desk.check_lease(3)
     assert desk.status.state is TaskState.RUNNING

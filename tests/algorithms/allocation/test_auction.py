@@ -23,10 +23,13 @@ class _Walk(NamedTuple):
 
     end_s: float
     spent_j: float
+    delay_j: float
     is_in_time: bool
 
 
-def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.0) -> tuple[TeamArrays, VisitArrays]:
+def _instance(
+    seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.0, delay_w: float = 0.0
+) -> tuple[TeamArrays, VisitArrays]:
     """4 workers of 2 profiles and 12 visits on a plane: detours are never shorter.
 
     With windows nobody lacks energy: where waiting takes energy, the compiled auction does not bid again for a visit
@@ -67,6 +70,7 @@ def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.
         workers + np.arange(count),
         workers + np.arange(count),
         draw.uniform(20.0, 900.0, count),
+        np.full(count, delay_w) * np.arange(count),
         draw.uniform(0.0, 30.0, count),
         draw.uniform(0.0, 50.0, count),
         earliest_s,
@@ -83,7 +87,7 @@ def _instance(seed: int, *, wait_w: float, windows: bool, exit_share: float = 0.
 
 def _walk(team: TeamArrays, visits: VisitArrays, worker: int, route: list[int]) -> _Walk:
     profile, place, now_s, spent_j, waited_s = team.profile[worker], team.start[worker], team.ready_s[worker], 0.0, 0.0
-    is_in_time = True
+    delay_j, is_in_time = 0.0, True
     for visit in route:
         here = visits.place[visit]
         now_s = now_s + team.time_s[profile, place, here]
@@ -92,10 +96,11 @@ def _walk(team: TeamArrays, visits: VisitArrays, worker: int, route: list[int]) 
         waited_s += start_s - now_s
         is_in_time &= start_s <= visits.latest_s[visit]
         now_s, place = start_s + visits.service_s[visit], visits.exit_place[visit]
+        delay_j += visits.delay_w[visit] * now_s
     if route:
         now_s += team.end_s[worker, place]
         spent_j += team.end_j[worker, place] + waited_s * team.wait_w[worker]
-    return _Walk(float(now_s), float(spent_j), bool(is_in_time and now_s <= team.horizon_s))
+    return _Walk(float(now_s), float(spent_j), float(delay_j), bool(is_in_time and now_s <= team.horizon_s))
 
 
 def _bid(
@@ -108,7 +113,8 @@ def _bid(
         walk = _walk(team, visits, worker, route)
         if walk.is_in_time and walk.spent_j <= team.usable_j[worker]:
             more_j = walk.spent_j - before.spent_j
-            bid = {BY_ENERGY: more_j, BY_FINISH: walk.end_s, BY_LEAST_LEFT: walk.spent_j - team.usable_j[worker]}[rule]
+            more = more_j + walk.delay_j - before.delay_j
+            bid = {BY_ENERGY: more, BY_FINISH: walk.end_s, BY_LEAST_LEFT: walk.spent_j - team.usable_j[worker]}[rule]
             best = min(best, (bid, more_j, position))
     return best
 
@@ -142,15 +148,22 @@ def _orders(routes: RouteBatch) -> list[list[int]]:
 @pytest.mark.parametrize("choice", [LEAST_BID, GREATEST_GAIN, LEAST_PER_PRIZE])
 @pytest.mark.parametrize("rule", [BY_ENERGY, BY_FINISH, BY_LEAST_LEFT])
 @pytest.mark.parametrize(
-    ("wait_w", "windows", "exit_share"),
-    [(0.0, False, 0.0), (0.5, False, 0.0), (0.5, True, 0.0), (0.0, False, 0.5), (0.5, True, 0.5)],
+    ("wait_w", "windows", "exit_share", "delay_w"),
+    [
+        (0.0, False, 0.0, 0.0),
+        (0.5, False, 0.0, 0.0),
+        (0.5, True, 0.0, 0.0),
+        (0.0, False, 0.5, 0.0),
+        (0.5, True, 0.5, 0.0),
+        (0.0, False, 0.5, 0.2),
+    ],
 )
 def test_auction_gives_the_routes_of_the_plain_one(
-    rule: int, choice: int, wait_w: float, windows: bool, exit_share: float
+    rule: int, choice: int, wait_w: float, windows: bool, exit_share: float, delay_w: float
 ) -> None:
     given = 0
     for seed in range(8):
-        team, visits = _instance(seed, wait_w=wait_w, windows=windows, exit_share=exit_share)
+        team, visits = _instance(seed, wait_w=wait_w, windows=windows, exit_share=exit_share, delay_w=delay_w)
         routes = empty_routes(team, visits)
         open_visits = np.ones(len(visits.job), np.bool_)
         hold_auction(team, visits, routes, open_visits, rule, choice)

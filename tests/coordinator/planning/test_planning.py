@@ -193,6 +193,7 @@ def test_what_a_robot_explores_is_called_off_for_a_task(team):
 
 def test_the_objective_is_told_and_changed_while_the_team_works(team, ears):
     robots = [team.robot("r1", 5.0), team.robot("r2", 5.2)]
+    team.begin(None, PlanningPolicy(delay_w=0.0))
     workers = [Worker(robot, remaining_j=CAPACITY_J) for robot in robots]
     team.closed_room()
     run(team, workers, 1.0)

@@ -3,6 +3,7 @@ import pytest
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState
+from robrain.protocol.reasons import NeedsEnergy
 from robrain.sim.firmware.battery import BatterySpec
 from tests.plugins.behavior.errands import CHARGER, START, Errands
 
@@ -58,14 +59,15 @@ def test_a_dock_that_is_not_quite_where_it_should_be_is_found(errands):
 
 
 @pytest.mark.slow
-def test_who_fails_for_want_of_energy_goes_home_at_once(errands):
+def test_robot_that_returns_a_task_for_lack_of_energy_goes_home_at_once(errands):
     run = errands("recharge", "visit", parameters=KNOWN)
     told = run.inbox(ROBOT_EVENT, plugin="home")
     run.offer(Task(id="v", kind="visit", place=FAR, service_s=60.0))
     run.run(3.0)
     usable(run, 500.0)  # enough for the way home with what it keeps for it, not for the task
     run.run(3.5)
-    assert run.status().state is TaskState.FAILED
+    assert run.status().state is TaskState.CANCELLED
+    assert isinstance(run.status().reason, NeedsEnergy)
     assert told.drain()[0].message.value.startswith("v needs ")
     assert behavior(run) == "recharge"
     usable(run, None)

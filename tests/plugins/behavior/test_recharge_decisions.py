@@ -71,7 +71,7 @@ def test_robot_at_a_task_keeps_no_reserve_and_gives_the_task_back_before_it_goes
     assert robot.it.period_s == STEP_S
     robot.tasks.check_lease(0)
     status = robot.tasks.status
-    assert (status.state, status.why) == (TaskState.FAILED, "the way home needs 80 J of 80 J usable")
+    assert (status.state, status.why) == (TaskState.CANCELLED, "needs 80 J of 80 J usable")
     robot.it.step()
     assert robot.it.run.own == "recharge"
 
