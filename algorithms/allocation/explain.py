@@ -203,8 +203,6 @@ def exclusion(judgement: Judgement, worker: Worker, job: Job, horizon_s: float) 
                 return lacks_plugins(missing)
             if worker.name in job.forbidden_workers:
                 return plain("forbidden", "is not to be given it")
-            if job.ready_only and worker.ready_s > 0:
-                return plain("not_ready", "has to charge first, and others can do it now")
             if job.load_kg < 0 or job.same_worker_as:
                 return plain("not_holder", "does not carry what is delivered")
             return plain("not_delivery", "is not to be given its delivery")

@@ -55,8 +55,6 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The robot that is already doing it: this robot does it first, and no other does."""
     forbidden_workers: frozenset[str] = frozenset()
     """Robots that must not get it."""
-    ready_only: bool = False
-    """Whether only robots with `ready_s` 0 may get it."""
     load_kg: float = 0.0
     """Change of its robot's load: above 0 for a pickup, below 0 for a delivery."""
     same_worker_as: str = ""
@@ -89,8 +87,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def admits(self, worker: "Worker") -> bool:
         """Whether the worker offers what the job needs and is not excluded."""
-        may = worker.name not in self.forbidden_workers and not (self.ready_only and worker.ready_s > 0)
-        return may and self.needs <= worker.offers
+        return worker.name not in self.forbidden_workers and self.needs <= worker.offers
 
 
 class Worker(msgspec.Struct, frozen=True, kw_only=True):
@@ -337,9 +334,9 @@ def make_arrays(problem: Problem) -> ProblemArrays:
     jobs = [index for index, job in enumerate(problem.jobs) if index not in running for _ in range(job.robots)]
     chosen = [problem.jobs[index] for index in jobs]
     allowed = np.zeros((len(problem.workers), len(jobs)), np.bool_)
-    able: dict[tuple[frozenset[str], frozenset[str], bool], NDArray[np.bool_]] = {}
+    able: dict[tuple[frozenset[str], frozenset[str]], NDArray[np.bool_]] = {}
     for column, job in enumerate(chosen):
-        kind = (job.needs, job.forbidden_workers, job.ready_only)
+        kind = (job.needs, job.forbidden_workers)
         if kind not in able:
             able[kind] = np.array([job.admits(worker) for worker in problem.workers], np.bool_)
         allowed[:, column] = able[kind]

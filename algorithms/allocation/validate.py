@@ -100,8 +100,6 @@ def _check_fit(worker: Worker, job: Job, position: int, before: list[str], probl
         faults.append(f"{worker.name} lacks {', '.join(sorted(job.needs - worker.offers))} for {job.id}")
     if worker.name in job.forbidden_workers:
         faults.append(f"{worker.name} is not to be given {job.id}")
-    if job.ready_only and worker.ready_s > 0:
-        faults.append(f"{worker.name} is not ready, and {job.id} is for robots that are")
     if job.pinned_to and job.pinned_to != worker.name:
         faults.append(f"{job.id} is given to {worker.name} while {job.pinned_to} is at it")
     if job.pinned_to and any(not problem.jobs[problem.job_index[other]].pinned_to for other in before):

@@ -81,8 +81,6 @@ def _loads(problem: Problem) -> list[_Load]:
     for names in sorted({tuple(sorted(job.forbidden_workers)) for job in jobs if job.forbidden_workers}):
         forbidding = frozenset(job.id for job in jobs if job.forbidden_workers == set(names))
         loads.append(_Load(forbidding, frozenset(index for index, worker in workers if worker.name not in names)))
-    if hurried := frozenset(job.id for job in jobs if job.ready_only):
-        loads.append(_Load(hurried, frozenset(index for index, worker in workers if not worker.ready_s > 0)))
     return loads
 
 

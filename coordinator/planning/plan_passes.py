@@ -41,8 +41,7 @@ class PlanDraft(msgspec.Struct, frozen=True, kw_only=True):
     asked: Problem
     """The problem as it was posed, with chargers where robots may charge between two jobs."""
     problem: Problem
-    """The problem that the plan solves: `asked`, but some jobs may be restricted to ready robots (`Job.ready_only`).
-    Robots have chargers in it only if the plan uses them."""
+    """The problem that the plan solves: `asked`, in which robots have chargers only if the plan uses them."""
     plan: Plan
     orders: Mapping[str, Sequence[str]]
     """The previous plan: each robot's jobs in order."""

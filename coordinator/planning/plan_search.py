@@ -20,14 +20,14 @@ from robrain.algorithms.allocation.auction import keep, repaired
 from robrain.algorithms.allocation.checked_allocator import CheckedAllocator, allocator_of
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan, Route, Stop, Unassigned, make_plan, nearest_end
-from robrain.algorithms.allocation.problem import Job, Problem, Worker, make_arrays
+from robrain.algorithms.allocation.problem import Problem, Worker, make_arrays
 from robrain.algorithms.allocation.validate import validate
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.algorithms.navigation.clearance import mapped_clearance_m
 from robrain.coordinator.planning.live_planner import Supposed, Supposition
 from robrain.coordinator.planning.path_lengths import PathLengths
 from robrain.coordinator.planning.plan_in_force import PlanInForce, planned
-from robrain.coordinator.planning.plan_passes import CHARGING_ROBOTS, PlanDraft, PlanFailure, refined
+from robrain.coordinator.planning.plan_passes import PlanDraft, PlanFailure, refined
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.problem_builder import BuiltProblem, build_problem, greatest_radius_m, needed_m
 from robrain.coordinator.planning.remedies import cut_off, variants
@@ -77,53 +77,29 @@ def stability(draft: PlanDraft) -> PlanDraft:
 
 
 def charging_robots(draft: PlanDraft) -> PlanDraft:
-    """Give robots that charge the jobs that the ready robots leave over, and then all robots trips after a charge.
-
-    Objectives in joules give time no value. A robot that is free in five minutes is as good as one that is free now.
-    One robot that charges often is as good as several. So the first plan is for the robots that are ready
-    (`for_ready_robots`). Each further trip contains only jobs that the plan leaves out.
-    """
-    problem, plan = without_chargers(draft.asked), draft.plan
-    late = _charging(problem)
-    if late:
-        done = {job for route in plan.routes if route.worker not in late for job in route.jobs}
-        problem = _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to and job.id in done})
-        workers = [worker for worker in problem.workers if worker.name in late]
-        begun = [job for job in problem.jobs if job.pinned_to in late]
-        plan = _with_left_jobs(draft, problem, plan, workers, begun) or reasons(problem, make_arrays(problem), plan, {})
-    full = msgspec.structs.replace(problem, workers=draft.asked.workers)
-    while any(_lacks_energy(one.reason) for one in plan.unassigned):
-        pairs = zip(full.workers, plan.routes, strict=True)
-        workers = [one for worker, route in pairs if (one := after_trip(full, worker, route)) is not None]
-        more = _with_left_jobs(draft, full, plan, workers)
+    """Add trips after a charge, which contain only jobs that the plan leaves out for lack of energy."""
+    while any(_lacks_energy(one.reason) for one in draft.plan.unassigned):
+        more = _with_trips(draft)
         if more is None:
             break
-        problem, plan = full, more
-    return msgspec.structs.replace(draft, problem=problem, plan=plan)
+        draft = msgspec.structs.replace(draft, problem=draft.asked, plan=more)
+    return draft
 
 
 def _lacks_energy(reason: PlanReason | None) -> bool:
     return isinstance(reason, NearestOut) and isinstance(reason.because, BelowReserve | LacksEnergy)
 
 
-def _with_left_jobs(
-    draft: PlanDraft, problem: Problem, plan: Plan, workers: Sequence[Worker], begun: Sequence[Job] = ()
-) -> Plan | None:
-    """Assign the jobs that a plan leaves out to these workers, after their own; None if that makes no better plan.
-
-    Args:
-        draft: the plan's inputs.
-        problem: the problem of the new plan.
-        plan: its routes stay.
-        workers: in the state in which they begin the jobs that are left out.
-        begun: jobs that they are doing, and that this state does not include.
-
-    """
+def _with_trips(draft: PlanDraft) -> Plan | None:
+    """The plan with one more trip for each robot that can charge after its route; None if that makes it no better."""
+    problem, plan = draft.asked, draft.plan
+    pairs = zip(problem.workers, plan.routes, strict=True)
+    workers = [one for worker, route in pairs if (one := after_trip(problem, worker, route)) is not None]
     left = {one.job for one in plan.unassigned}
-    jobs = tuple(job for job in draft.asked.jobs if job.id in left and not job.pinned_to)
+    jobs = tuple(job for job in problem.jobs if job.id in left and not job.pinned_to)
     if not (workers and jobs):
         return None
-    rest = msgspec.structs.replace(draft.asked, jobs=(*begun, *jobs), workers=tuple(workers))
+    rest = msgspec.structs.replace(problem, jobs=jobs, workers=tuple(workers))
     before = plan_of({one.name: draft.orders.get(one.name, ()) for one in workers}, plan.objective)
     found = draft.allocator.plan(rest, warm_start=before, iterations=1)
     added = {route.worker: route.jobs for route in found.routes}
@@ -184,28 +160,6 @@ def _gain(kept: Plan, best: Plan) -> float:
 
 def _share(gain: float, of: float) -> float:
     return gain / of if of > 0 else float(gain > 0)
-
-
-def for_ready_robots(problem: Problem) -> Problem:
-    """Restrict all jobs to robots that are ready; the same problem if all robots are ready, or none is.
-
-    Args:
-        problem: workers with `ready_s` above 0 are charging.
-
-    """
-    return _for_ready_only(problem, {job.id for job in problem.jobs if not job.pinned_to})
-
-
-def _charging(problem: Problem) -> list[str]:
-    late = [worker.name for worker in problem.workers if worker.ready_s > 0]
-    return late if len(late) < len(problem.workers) else []
-
-
-def _for_ready_only(problem: Problem, names: set[str]) -> Problem:
-    if not names or not _charging(problem):
-        return problem
-    jobs = (msgspec.structs.replace(job, ready_only=True) if job.id in names else job for job in problem.jobs)
-    return msgspec.structs.replace(problem, jobs=tuple(jobs))
 
 
 def _in_this_order(worker: str, jobs: Sequence[str]) -> Route:
@@ -478,17 +432,16 @@ class PlanSolver:
         self.iterations = policy.iterations_for(visits) if iterations is None else iterations
         self._policy = policy
         allocator = allocator_of(policy.method, policy.objective)
-        ready = without_chargers(problem)
-        ready = for_ready_robots(ready) if CHARGING_ROBOTS in policy.passes else ready
+        uncharged = without_chargers(problem)
         self._draft = PlanDraft(
             asked=problem,
-            problem=ready,
-            plan=allocator.plan(ready, warm_start=plan_of(orders, policy.objective), iterations=1),
+            problem=uncharged,
+            plan=allocator.plan(uncharged, warm_start=plan_of(orders, policy.objective), iterations=1),
             orders=orders,
             gain_min=policy.gain_min,
             allocator=allocator,
         )
-        self._search = allocator.search() if isinstance(allocator, Searching) and _is_worth_it(ready) else None
+        self._search = allocator.search() if isinstance(allocator, Searching) and _is_worth_it(uncharged) else None
 
     def improve(self) -> Iterator[None]:
         """Yield before each search, until no improvement is expected."""

@@ -71,13 +71,11 @@ def problems(draw):
         energy_j[:, tasks - 1, :tasks] = np.inf
         problem = msgspec.structs.replace(problem, jobs=(first, *problem.jobs[1:]), energy_j=energy_j)
     names = [worker.name for worker in problem.workers]
-    forbidden, ready_only = draw(st.sets(st.sampled_from(names))) if names else set(), draw(st.booleans())
+    forbidden = frozenset(draw(st.sets(st.sampled_from(names))) if names else ())
     jobs = (
-        job if job.pinned_to or number % 2 else msgspec.structs.replace(
-            job, forbidden_workers=frozenset(forbidden), ready_only=ready_only
-        )
+        job if job.pinned_to or number % 2 else msgspec.structs.replace(job, forbidden_workers=forbidden)
         for number, job in enumerate(problem.jobs)
-    )  # fmt: skip
+    )
     return msgspec.structs.replace(problem, jobs=tuple(jobs))
 
 

@@ -46,15 +46,6 @@ class Careless(InTurn):
         return make_plan(problem, [[problem.jobs[0].id] for _ in problem.workers], self.objective)
 
 
-class CarelessLater(InTurn):
-    """Makes sound plans for those who are ready, and gives those who charge each job twice."""
-
-    def plan(self, problem, **fields):
-        if all(worker.ready_s == 0 for worker in problem.workers) or any(job.ready_only for job in problem.jobs):
-            return super().plan(problem, **fields)
-        return make_plan(problem, [[job.id for job in problem.jobs] * 2 for _ in problem.workers], self.objective)
-
-
 class CarelessSearch(InTurn):
     """Makes a sound plan, which its search spoils."""
 
@@ -65,8 +56,7 @@ class CarelessSearch(InTurn):
 
 @pytest.fixture
 def in_turn(install, monkeypatch):  # noqa: F811
-    names = {"in_turn": "in_turn:InTurn", "careless": "in_turn:Careless"}
-    names |= {"later": "in_turn:CarelessLater", "search": "in_turn:CarelessSearch"}
+    names = {"in_turn": "in_turn:InTurn", "careless": "in_turn:Careless", "search": "in_turn:CarelessSearch"}
     install("in-turn", names, {"in_turn.py": IN_TURN}, ALLOCATORS.group)
     stock = {name: ALLOCATORS._points[name][0].value for name in ALLOCATORS._stock}
     fresh = Registry(ALLOCATORS.what, ALLOCATORS.group, stock)  # as in a new process

@@ -52,11 +52,11 @@ def test_job_that_nobody_does_says_why_for_each_robot():
 
 
 def test_job_that_only_robots_may_do_that_lack_something_says_what_keeps_each_from_it():
-    jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}), ready_only=True)]
+    jobs = [job("a", 2, needs=frozenset({"camera"}), forbidden_workers=frozenset({"r1"}))]
     camera = frozenset({"camera"})
-    reason, bids = only_bids(line(jobs, [worker("r1", offers=camera), worker("r2", ready_s=9.0, offers=camera)]))
+    reason, bids = only_bids(line(jobs, [worker("r1", offers=camera)]))
     assert reason == Plain("nobody_allowed")
-    assert [bid.reason for bid in bids] == [Plain("forbidden"), Plain("not_ready")]
+    assert [bid.reason for bid in bids] == [Plain("forbidden")]
     reason, _ = only_bids(line(jobs, [worker("r1"), worker("r3")]))
     assert reason == Plain("nobody_has", plugins=("camera",))
 

@@ -68,7 +68,6 @@ def test_plan_with_nothing_wrong_has_no_faults():
         (line([job("a", 3)], [worker("r1")], horizon_s=5.9), [["a"]], "at its charger at 6.000 s"),
         (line([job("a", 3, needs=frozenset({"camera"}))], [worker("r1")]), [["a"]], "lacks camera"),
         (line([job("a", 3, forbidden_workers=frozenset({"r1"}))], [worker("r1")]), [["a"]], "r1 is not to be given a"),
-        (line([job("a", 3, ready_only=True)], [worker("r1", ready_s=1.0)]), [["a"]], "r1 is not ready"),
         (line([job("a", 1), job("b", 1, after=("a",))], [worker("r1")]), [["b"]], "comes after a, which nobody does"),
         (line([job("a", 1, robots=2)], [worker("r1"), worker("r2")]), [["a"], []], "asks for 2 robots"),
         (line([job("a", 1)], [worker("r1"), worker("r2")]), [["a"], ["a"]], "asks for 1 robots"),

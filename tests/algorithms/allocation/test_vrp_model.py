@@ -26,7 +26,7 @@ def is_feasible(model: VrpModel, *orders: list[int]) -> bool:
 
 JOBS = [job("see", 1, needs=CAMERA), job("lift", 2, needs=ARM), job("both", 3, needs=CAMERA | ARM), job("go", 4)]
 ROBOTS = [worker("r1", offers=CAMERA), worker("r2", offers=CAMERA | ARM), worker("r3")]
-LIMITED = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("now", 2, ready_only=True), job("any", 3)]
+LIMITED = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("any", 2)]
 
 
 @pytest.mark.parametrize("most_cells", [0, 1e7])
@@ -34,7 +34,7 @@ LIMITED = [job("not r1", 1, forbidden_workers=frozenset({"r1"})), job("now", 2, 
     ("jobs", "robots", "able"),
     [
         (JOBS, ROBOTS, [{0, 3}, {0, 1, 2, 3}, {3}]),
-        (LIMITED, [worker("r1"), worker("r2"), worker("r3", ready_s=1.0)], [{1, 2}, {0, 1, 2}, {0, 2}]),
+        (LIMITED, [worker("r1"), worker("r2"), worker("r3")], [{1}, {0, 1}, {0, 1}]),
     ],
     ids=["what it lacks", "what it is not to be given"],
 )
