@@ -261,7 +261,8 @@ def hold_auction(
     """Assign one visit per round until no bid remains; changes `routes` and `open_visits` in place.
 
     Each worker bids the cost of its cheapest insertion for each open visit, and one bid wins. A pickup stands for its
-    delivery too. Only the winner's bids change afterwards. Under the energy rule no bid exceeds the prize.
+    delivery too. Only the winner's bids change afterwards. Under the energy rule no visit costs more than
+    its prize, delays aside.
     """
     workers, count = visits.allowed.shape
     bids = np.full((workers, count), math.inf)
@@ -287,7 +288,7 @@ def hold_auction(
             if not open_visits[visit] or best[visit] < 0:
                 continue
             value = bids[best[visit], visit]
-            if rule == BY_ENERGY and not value < visits.prize_j[visit]:
+            if rule == BY_ENERGY and not more_j[best[visit], visit] < visits.prize_j[visit]:
                 continue
             if choice == GREATEST_GAIN:
                 value -= visits.prize_j[visit]

@@ -7,7 +7,8 @@ Features that PyVRP's model does not have are handled around it:
 - makespan and least remaining energy: PyVRP has neither as an objective. A limit is tightened step by step. Each search
   starts from the best plan so far, which slightly violates the new limit;
 - energy used while waiting (`Worker.wait_w`): plans are made without it, then corrected by leaving jobs out;
-- charges within routes: with `Worker.chargers`, `RuinRecreate` searches instead of PyVRP.
+- charges within routes: with `Worker.chargers`, `RuinRecreate` searches instead of PyVRP;
+- a price of time: with `Job.delay_w`, `Reinsertion` searches instead of PyVRP.
 
 Every result is scheduled and checked in floats before it is used.
 """
@@ -44,6 +45,7 @@ from robrain.algorithms.allocation.coupling import HORIZON_SHARE, Windows, windo
 from robrain.algorithms.allocation.explain import reasons
 from robrain.algorithms.allocation.plan import Plan
 from robrain.algorithms.allocation.problem import Objective, Problem, ProblemArrays, make_arrays
+from robrain.algorithms.allocation.reinsertion import Reinsertion
 from robrain.algorithms.allocation.ruin_recreate import RuinRecreate
 from robrain.algorithms.allocation.vrp_model import J_UNITS, MAX_PENALTY, S_UNITS, VrpModel
 
@@ -346,6 +348,8 @@ class _Improvement:
         room_s = end_s if math.isfinite(end_s) else base.makespan_s * HORIZON_SHARE
         if self._arrays.team.charger.size:
             return self._is_better(self._recharged(base, room_s, share, end_s, left_j))
+        if self.best.objective is Objective.ENERGY and self._arrays.visits.delay_w.any():
+            return self._is_better(self._reinserted(base, room_s))
         windows, model, search = self._model(base, room_s)
         data = model.limited(end_s, left_j) if is_limited else model.data
         is_complete = is_random and self.best.lost_prize_j > 0 and self._may_be_complete
@@ -364,6 +368,14 @@ class _Improvement:
         self._searches += 1
         self._may_be_complete = self._may_be_complete and not (is_complete and found is None)
         return found is not None and self._is_better(self._named(windows, model.orders(found)))
+
+    def _reinserted(self, base: Plan, room_s: float) -> list[list[str]]:
+        """As `_search`, with a price of time; returns ids of jobs for each worker."""
+        windows = windows_of(self._problem, self._arrays, base, SHARES[self._searches % len(SHARES)], room_s)
+        search = Reinsertion(self._arrays.team, windows.visits, windows.required)
+        start, seed = self._visits_of(base, windows.rows.tolist()), self._seed + 1000 * self._searches
+        self._searches += 1
+        return self._named(windows, search.run(start, self._effort, seed, end_left_s=self._check_s))
 
     def _recharged(self, base: Plan, room_s: float, share: float, end_s: float, left_j: float) -> list[list[str]]:
         """As `_search`, with charges within routes; returns ids of jobs for each worker."""

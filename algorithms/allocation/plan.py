@@ -75,7 +75,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     cost_j: float
     lost_prize_j: float
     delay_j: float = 0.0
-    """Sum of the jobs' `delay_w` times their ends."""
+    """Sum of the jobs' `delay_w` times the seconds from their earliest starts to their ends."""
     makespan_s: float
     """Time when the last robot with a job arrives at its charger; 0 if no robot has one."""
     least_left_j: float
@@ -138,21 +138,15 @@ def make_plan(problem: Problem, orders: Sequence[Sequence[str]], objective: Obje
         _route(problem, worker, order, places, starts_s)
         for worker, order, places in zip(problem.workers, orders, chargers, strict=True)
     )
-    done = {job for order in orders for job in order}
-    left_out = [job for job in problem.jobs if job.id not in done]
+    ends_s = {stop.job: stop.end_s for route in routes for stop in route.stops}
+    left_out = [job for job in problem.jobs if job.id not in ends_s]
     return Plan(
         objective=objective,
         routes=routes,
         unassigned=tuple(Unassigned(job.id) for job in left_out),
         cost_j=math.fsum(route.energy_j for route in routes),
         lost_prize_j=math.fsum(job.prize_j for job in left_out),
-        delay_j=math.fsum(
-            {
-                stop.job: problem.jobs[problem.job_index[stop.job]].delay_w * stop.end_s
-                for route in routes
-                for stop in route.stops
-            }.values()
-        ),
+        delay_j=math.fsum(job.delay_w * (ends_s[job.id] - job.earliest_s) for job in problem.jobs if job.id in ends_s),
         makespan_s=max((route.end_s for route in routes if route.stops), default=0.0),
         least_left_j=min((route.left_j for route in routes), default=math.inf),
     )

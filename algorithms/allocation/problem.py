@@ -34,7 +34,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     prize_j: float
     """Value in joules: under `Objective.ENERGY` the job stays unassigned if it would cost more."""
     delay_w: float = 0.0
-    """Joules that each second until its end counts for under `Objective.ENERGY`."""
+    """Joules that each second from `earliest_s` to its end counts for under `Objective.ENERGY`."""
     service_s: float = 0.0
     service_j: float = 0.0
     """Energy that each of its robots spends at the place."""

@@ -319,7 +319,7 @@ class VrpModel:
                     pickup_tw_late=late,
                     pickup_service_duration=service,
                     delivery_tw_early=later_early,
-                    delivery_tw_late=later_late,
+                    delivery_tw_late=max(early, later_late),  # PyVRP refuses pairs that nobody can do
                     delivery_service_duration=later_service,
                     amount=needed + [_grams(carried_kg)] * with_loads,
                     prize=math.floor(prizes[pair[0]]),

@@ -127,11 +127,11 @@ def _auction(team: TeamArrays, visits: VisitArrays, rule: int, choice: int) -> l
     while True:
         rounds = []
         for visit in open_visits:
-            bid, _, taker = min(
+            bid, more_j, taker = min(
                 (*_bid(team, visits, routes, worker, visit, rule)[:2], worker) for worker in range(workers)
             )
             prize_j = visits.prize_j[visit]
-            if bid < math.inf and not (rule == BY_ENERGY and bid >= prize_j):
+            if bid < math.inf and not (rule == BY_ENERGY and more_j >= prize_j):
                 value = {LEAST_BID: bid, GREATEST_GAIN: bid - prize_j, LEAST_PER_PRIZE: bid / prize_j}[choice]
                 rounds.append((value, visit, taker))
         if not rounds:
