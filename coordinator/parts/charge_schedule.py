@@ -5,22 +5,19 @@ each robot gets the charger at which it can begin first. First come the robots a
 one, then the others, lowest charge first. Every robot that knows a charger gets a turn, and no robot waits while a
 charger that it could use is free.
 
-A charge ends when the battery is full enough. While tasks wait for energy and the next robot has much less charge, it
-ends at the level of a short turn. Two robots with half a battery do more than one with a full one. While tasks wait for
-a robot's charge, it ends as soon as there is enough for them. Pure: equal robots give an equal schedule.
+A charge ends when the battery is full enough. While tasks wait for a robot's charge, it ends as soon as there is enough
+for them. Pure: equal robots give an equal schedule.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from robrain.coordinator.planning.energy_budget import DOCK_S
+from robrain.coordinator.planning.energy_budget import CHARGED_SOC, DOCK_S
 from robrain.coordinator.team.chargers import is_same_charger
 from robrain.protocol.model.geometry import Point2D
 
 CLEAR_S = 10.0
 """Time until a robot that leaves a charger is out of the path (chosen: changing places takes some 20 s)."""
-TURN_GAIN = 0.15
-"""A turn is cut short only for a robot that gains at least this share of a battery."""
 
 
 class ChargerPath(NamedTuple):
@@ -45,7 +42,7 @@ class ChargeSeeker(NamedTuple):
     to_soc: float | None = None
     """Level that the robot has set for itself; None if the coordinator decides."""
     is_whole: bool = False
-    """Whether its turn must not be cut short, because it made no use of its last short turn."""
+    """Whether its charge must not end early, because it made no use of the last one that did."""
     needs_soc: float | None = None
     """Level that is enough for the tasks that wait for its charge; None if none do."""
 
@@ -66,24 +63,11 @@ class ChargerSlot(NamedTuple):
     """The robot that has the charger before it; empty if there is none."""
 
 
-class Demand(NamedTuple):
-    """Target levels of a charge."""
-
-    full_soc: float
-    turn_soc: float
-    """Target while others wait."""
-    is_short: bool
-    """Whether tasks wait for energy."""
-
-
-def schedule_charges(
-    seekers: Iterable[ChargeSeeker], demand: Demand, power_w: Callable[[Point2D], float]
-) -> tuple[ChargerSlot, ...]:
+def schedule_charges(seekers: Iterable[ChargeSeeker], power_w: Callable[[Point2D], float]) -> tuple[ChargerSlot, ...]:
     """Return the turns of all robots that know a charger, in the order in which they were assigned.
 
     Args:
         seekers: the robots, each once.
-        demand: target levels.
         power_w: power of a charger into the battery, above 0.
 
     """
@@ -91,19 +75,18 @@ def schedule_charges(
     places = _distinct(
         [path.charger for one in served for path in one.paths] + [p for one in served if (p := one.bound_for)]
     )
-    likely_soc = demand.turn_soc if demand.is_short and len(served) > len(places) else demand.full_soc
     queues: dict[Point2D, list[tuple[ChargeSeeker, float]]] = {place: [] for place in places}
     free_s = dict.fromkeys(places, 0.0)
     given: list[tuple[Point2D, str]] = []
     for one in served:
         place, travel_s = _earliest(one, places, free_s)
-        until_s = _times(one, travel_s, free_s[place], _goal(one, likely_soc), power_w(place))[1]
+        until_s = _times(one, travel_s, free_s[place], _goal(one, CHARGED_SOC), power_w(place))[1]
         queues[place].append((one, travel_s))
         free_s[place] = until_s + CLEAR_S
         given.append((place, one.name))
     turns = {}
     for place, queue in queues.items():
-        for turn in _turns(place, queue, demand, power_w(place)):
+        for turn in _turns(place, queue, power_w(place)):
             turns[turn.robot] = turn
     return tuple(turns[name] for _, name in given)
 
@@ -148,15 +131,10 @@ def _times(one: ChargeSeeker, travel_s: float, free_s: float, to_soc: float, pow
     return from_s, from_s + dock_s + max(0.0, to_soc - one.soc) * one.capacity_j / power_w
 
 
-def _turns(
-    place: Point2D, queue: list[tuple[ChargeSeeker, float]], demand: Demand, power_w: float
-) -> Iterable[ChargerSlot]:
+def _turns(place: Point2D, queue: list[tuple[ChargeSeeker, float]], power_w: float) -> Iterable[ChargerSlot]:
     free_s, behind = 0.0, ""
-    for index, (one, travel_s) in enumerate(queue):
-        needy = [other for other, _ in queue[index + 1 :] if other.soc < demand.turn_soc - TURN_GAIN]
-        # A robot that has set out keeps the target that it was given, even if the tasks change.
-        is_short = needy and (demand.is_short or any(other.bound_for for other in needy)) and not one.is_whole
-        level_soc = demand.turn_soc if is_short else demand.full_soc
+    for one, travel_s in queue:
+        level_soc = CHARGED_SOC
         if one.is_there and one.needs_soc is not None and not one.is_whole:
             level_soc = min(level_soc, one.needs_soc)
         to_soc = _goal(one, level_soc)

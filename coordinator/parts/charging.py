@@ -1,7 +1,7 @@
 """Sends robots to charge, by tasks of the coordinator's own, following the schedule of the chargers.
 
-It also predicts the state of charging robots after the charge, for the planner, and ends a charge early when another
-robot waits.
+It also predicts the state of charging robots after the charge, for the planner, and ends a charge early when there is
+enough for the tasks that wait for it.
 """
 
 import math
@@ -14,7 +14,6 @@ from robrain.coordinator.parts.charge_schedule import (
     ChargerPath,
     ChargerSlot,
     ChargeSeeker,
-    Demand,
     schedule_charges,
 )
 from robrain.coordinator.planning.energy_budget import (
@@ -299,8 +298,7 @@ class Charging(CoordinatorPart):
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
         limits |= dict.fromkeys(limits.keys() & to_charge, math.inf)
         seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
-        demand = Demand(CHARGED_SOC, planning.policy.charge_turn, bool(to_charge) or self._has_charging())
-        turns = schedule_charges(seekers.values(), demand, planning.chargers.power.of)
+        turns = schedule_charges(seekers.values(), planning.chargers.power.of)
         charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
         has_set_out = {one.robot for one in charges}
         has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
@@ -324,14 +322,6 @@ class Charging(CoordinatorPart):
         else:
             self._competing.cut_short.discard(robot)
 
-    def _has_charging(self) -> bool:
-        """Whether tasks wait for a robot that charges."""
-        robots, book = self._roster.robots, self._book
-        return any(
-            name in robots and is_charging(robots[name], book.of_robot(name)) and self._planning.has_route(name)
-            for name in self._planning.after_charge
-        )
-
     def _charge(self, turn: ChargerSlot, one: ChargeSeeker) -> Charge | None:
         """Charge order for a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
@@ -344,21 +334,15 @@ class Charging(CoordinatorPart):
         return Charge(turn.robot, charger, round(turn.to_soc, 3))
 
     def _end(self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker]) -> None:
-        """End the charges that have reached their level while another robot waits for the charger, or tasks do."""
-        next_one = {turn.behind: turn.robot for turn in turns}
+        """End the charges that have reached their level of the tasks that wait for them."""
         for turn in turns:
             at, one = self._book.of_robot(turn.robot), seekers[turn.robot]
             if at is None or not at.own or at.task.kind != RECHARGE or not one.is_there:
                 continue
             if turn.to_soc < parameters_of(at.task, Recharge).until_soc and one.soc >= turn.to_soc:
                 self._competing.cut_short.add(turn.robot)
-                behind = next_one.get(turn.robot)
-                if behind is None or (one.needs_soc is not None and one.soc >= one.needs_soc):
-                    text = f"{turn.robot} has charged to {one.soc:.0%}, enough for the tasks that wait for it"
-                    reason = plain("charged_for_tasks", text, robot=turn.robot, soc=one.soc)
-                else:
-                    text = f"{turn.robot} has charged to {one.soc:.0%}, enough for now: {behind} waits"
-                    reason = plain("charged_enough", text, robot=turn.robot, soc=one.soc, waiting=behind)
+                text = f"{turn.robot} has charged to {one.soc:.0%}, enough for the tasks that wait for it"
+                reason = plain("charged_for_tasks", text, robot=turn.robot, soc=one.soc)
                 self._book.move(at.task.id, TaskState.CANCELLED, reason)
 
     # -- publishing -----------------------------------------------------------------------------------------

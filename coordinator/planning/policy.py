@@ -116,8 +116,7 @@ class PlanningPolicy(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     charging: Literal["schedule"] = "schedule"
     """Chargers are scheduled ahead; earlier versions had a second choice, and recordings have this key."""
     charge_turn: Annotated[float, Meta(ge=0, lt=1)] = 0.6
-    """Level at which a charge ends while tasks wait for energy and a robot with much less charge waits for the charger.
-    Chosen: half a battery is worth a trip, and above about 0.8 charging slows down."""
+    """Without effect; earlier versions ended a charge at this level, and recordings have this key."""
     mote_field: MoteFieldPolicy = MoteFieldPolicy()
     """Actions of the coordinator on its own initiative that keep a field of motes alive: collect, stand in, relay,
     duties in turn."""

@@ -6,13 +6,11 @@ from hypothesis import strategies as st
 
 from robrain.coordinator.parts.charge_schedule import (
     CLEAR_S,
-    TURN_GAIN,
     ChargerPath,
     ChargeSeeker,
-    Demand,
     schedule_charges,
 )
-from robrain.coordinator.planning.energy_budget import DOCK_S
+from robrain.coordinator.planning.energy_budget import CHARGED_SOC, DOCK_S
 from robrain.coordinator.team.chargers import LEAST_W, USUAL_W, ChargePower, is_same_charger
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.robots.robot_messages import BatteryState
@@ -21,7 +19,6 @@ from robrain.protocol.model.geometry import Point2D
 HERE, THERE = Point2D(0.0, 0.0), Point2D(9.0, 0.0)
 POWER_W = 20.0
 CAPACITY_J = 72_000.0
-CALM, SHORT = Demand(0.95, 0.6, False), Demand(0.95, 0.6, True)
 
 
 def seeker(name, soc, *paths_s, **fields):
@@ -30,8 +27,8 @@ def seeker(name, soc, *paths_s, **fields):
     return ChargeSeeker(name, soc, CAPACITY_J, paths, **fields)
 
 
-def schedule(seekers, demand=CALM):
-    return {turn.robot: turn for turn in schedule_charges(seekers, demand, lambda _: POWER_W)}
+def schedule(seekers):
+    return {turn.robot: turn for turn in schedule_charges(seekers, lambda _: POWER_W)}
 
 
 def charging_s(gain):
@@ -66,39 +63,19 @@ def test_who_is_on_its_way_keeps_its_charger_whoever_has_less():
     assert turns["r2"].behind == "r1"
 
 
-def test_a_turn_is_cut_short_for_one_that_is_much_lower_while_tasks_wait_for_energy():
-    both = [seeker("r1", 0.4, 0.0, bound_for=HERE, is_there=True), seeker("r2", 0.2, 30.0)]
-    assert [schedule(both)[name].to_soc for name in ("r1", "r2")] == [0.95, 0.95]
-    assert [schedule(both, SHORT)[name].to_soc for name in ("r1", "r2")] == [0.6, 0.95]
-
-
-def test_a_turn_is_not_cut_short_for_little_nor_if_the_last_short_one_was_of_no_use():
-    there = {"bound_for": HERE, "is_there": True}
-    little = [seeker("r1", 0.5, 0.0, **there), seeker("r2", 0.6 - TURN_GAIN, 30.0)]
-    assert schedule(little, SHORT)["r1"].to_soc == 0.95
-    vain = [seeker("r1", 0.4, 0.0, is_whole=True, **there), seeker("r2", 0.2, 30.0)]
-    assert schedule(vain, SHORT)["r1"].to_soc == 0.95
-
-
 def test_a_charge_ends_when_there_is_enough_for_the_tasks_that_wait_for_it():
     there = {"bound_for": HERE, "is_there": True}
-    turn = schedule([seeker("r1", 0.3, 0.0, needs_soc=0.42, **there)], SHORT)["r1"]
+    turn = schedule([seeker("r1", 0.3, 0.0, needs_soc=0.42, **there)])["r1"]
     assert (turn.to_soc, turn.until_s) == (0.42, pytest.approx(charging_s(0.12)))
-    assert schedule([seeker("r1", 0.5, 0.0, needs_soc=0.42, **there)], SHORT)["r1"].until_s == 0.0
-    assert schedule([seeker("r1", 0.3, 0.0, needs_soc=1.4, **there)], SHORT)["r1"].to_soc == 0.95
+    assert schedule([seeker("r1", 0.5, 0.0, needs_soc=0.42, **there)])["r1"].until_s == 0.0
+    assert schedule([seeker("r1", 0.3, 0.0, needs_soc=1.4, **there)])["r1"].to_soc == 0.95
     vain = seeker("r1", 0.3, 0.0, needs_soc=0.42, is_whole=True, **there)
-    assert schedule([vain], SHORT)["r1"].to_soc == 0.95
-    assert schedule([seeker("r1", 0.3, 9.0, needs_soc=0.42, bound_for=HERE)], SHORT)["r1"].to_soc == 0.95
-
-
-def test_one_that_has_enough_already_is_to_leave_now():
-    turns = schedule([seeker("r1", 0.7, 0.0, bound_for=HERE, is_there=True), seeker("r2", 0.2, 30.0)], SHORT)
-    assert (turns["r1"].to_soc, turns["r1"].until_s) == (0.7, 0.0)
-    assert turns["r2"].set_out_s == 0.0  # it is on its way for longer than r1 takes to leave
+    assert schedule([vain])["r1"].to_soc == 0.95
+    assert schedule([seeker("r1", 0.3, 9.0, needs_soc=0.42, bound_for=HERE)])["r1"].to_soc == 0.95
 
 
 def test_what_a_robot_has_set_itself_is_what_it_charges_to():
-    turns = schedule([seeker("r1", 0.3, 0.0, bound_for=HERE, to_soc=0.5), seeker("r2", 0.2, 30.0)], SHORT)
+    turns = schedule([seeker("r1", 0.3, 0.0, bound_for=HERE, to_soc=0.5), seeker("r2", 0.2, 30.0)])
     assert turns["r1"].to_soc == 0.5
 
 
@@ -136,9 +113,9 @@ def teams(draw):
 
 @pytest.mark.slow
 @settings(max_examples=100, deadline=None)
-@given(teams(), st.sampled_from([CALM, SHORT]), st.randoms(use_true_random=False))
-def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(team, demand, shuffle):
-    turns = schedule_charges(team, demand, lambda _: POWER_W)
+@given(teams(), st.randoms(use_true_random=False))
+def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(team, shuffle):
+    turns = schedule_charges(team, lambda _: POWER_W)
     assert sorted(turn.robot for turn in turns) == sorted(one.name for one in team if one.paths or one.bound_for)
     by_name = {one.name: one for one in team}
     for turn in turns:
@@ -146,8 +123,8 @@ def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(t
         known = [way.charger for way in one.paths] if one.bound_for is None else [one.bound_for]
         assert turn.charger in known
         assert 0.0 <= turn.set_out_s <= turn.from_s <= turn.until_s
-        # Nobody leaves with less than it came with, and nobody leaves low.
-        assert turn.to_soc >= max(one.soc, demand.turn_soc)
+        # Nobody leaves with less than it came with, and nobody leaves low without tasks that wait for it.
+        assert turn.to_soc >= max(one.soc, CHARGED_SOC if one.to_soc is None else 0.0)
         assert turn.until_s >= turn.from_s + charging_s(turn.to_soc - one.soc) - 1e-6
         # It is there as early as it can, and no earlier.
         way_s = next((way.travel_s for way in one.paths if way.charger == turn.charger), 0.0)
@@ -157,14 +134,14 @@ def test_never_two_robots_at_one_charger_and_everybody_who_knows_one_is_served(t
                 assert other.from_s >= turn.until_s or turn.from_s >= other.until_s
     mixed = list(team)
     shuffle.shuffle(mixed)
-    assert schedule_charges(mixed, demand, lambda _: POWER_W) == turns
+    assert schedule_charges(mixed, lambda _: POWER_W) == turns
 
 
 @pytest.mark.slow
 @settings(max_examples=33, deadline=None)
 @given(teams())
 def test_nobody_waits_while_a_charger_that_it_knows_stands_empty(team):
-    turns = schedule_charges(team, CALM, lambda _: POWER_W)
+    turns = schedule_charges(team, lambda _: POWER_W)
     queues = {place: [turn for turn in turns if turn.charger == place] for place in PLACES}
     for one in team:
         turn = next((turn for turn in turns if turn.robot == one.name), None)

@@ -196,29 +196,14 @@ def test_who_waits_is_told_for_which_charger_and_sets_out_so_as_to_be_there_in_t
     assert run(team, workers, 60.0, until=lambda: status(team).charges == ())
 
 
-@pytest.mark.slow
-def test_a_charge_ends_for_one_that_is_much_lower_while_tasks_wait_for_energy(team):
-    workers = staff(team, (0.118, 0.11), dearer=90.0)
-    assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
-    assert to_soc_of(charges_of(workers[1])[0]) == CHARGED_SOC  # nothing else is wanted
-    for number in range(30):
-        team.submit(visit(f"t{number}", 3.5 + 4.5 * (number % 2), 3.0 + 0.05 * number))
-    assert run(team, workers, 200.0, until=lambda: workers[1].at_charger is None)
-    ended = charges_of(workers[1])[0].id
-    assert team.history(ended)[-1] is TaskState.CANCELLED
-    assert team.why(ended).startswith("r2 has charged to 6")
-    assert team.why(ended).endswith("%, enough for now: r1 waits")
-    assert run(team, workers, 900.0, until=all_done(team))
-
-
 @pytest.mark.parametrize(("to_soc", "is_whole"), [(0.25, [True]), (CHARGED_SOC, [])])
 def test_who_has_had_a_short_turn_and_done_nothing_with_it_gets_a_whole_one(team, monkeypatch, to_soc, is_whole):
     seen = []
 
-    def schedule(seekers, demand, power):
+    def schedule(seekers, power):
         seekers = list(seekers)
         seen.extend((one.name, one.is_whole) for one in seekers if one.bound_for is None)
-        return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, demand, power))
+        return tuple(turn._replace(to_soc=to_soc) for turn in schedule_charges(seekers, power))
 
     monkeypatch.setattr("robrain.coordinator.parts.charging.schedule_charges", schedule)
     (worker,) = staff(team, (0.2,))
