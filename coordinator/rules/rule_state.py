@@ -216,8 +216,6 @@ class TrackTable:
     """The motes that rules follow. When it is full, one that has fallen silent makes room for a new one."""
 
     def __init__(self, capacity: int = TRACKS_MAX) -> None:
-        self.turned_away = 0
-        """Readings of motes for which there was no room."""
         self._capacity = capacity
         self._tracks: OrderedDict[tuple[str, str], tuple[LevelTrack, int]] = OrderedDict()
         """By rule and mote, with the time of the last reading; the oldest first."""
@@ -232,7 +230,6 @@ class TrackTable:
         if found is None and len(self._tracks) >= self._capacity:
             oldest, (_, received_ns) = next(iter(self._tracks.items()))
             if now_ns - received_ns < SILENT_NS:
-                self.turned_away += 1
                 return None
             del self._tracks[oldest]
         track = LevelTrack(condition) if found is None else found[0]

@@ -25,8 +25,6 @@ class ReadingSieve:
     """
 
     def __init__(self, capacity: int = 1 << 16) -> None:
-        self.repeated = 0
-        """Readings that had come before."""
         self._capacity = capacity
         self._measured_ns: OrderedDict[tuple[str, int, str], int] = OrderedDict()
 
@@ -42,10 +40,7 @@ class ReadingSieve:
         if len(self._measured_ns) > self._capacity:
             self._measured_ns.popitem(last=False)
         age_ns = max(0, reading.stamp_ns - measured_ns)
-        if before_ns is None or abs(measured_ns - before_ns) > SAME_NS + SAME_PER_AGE * age_ns:
-            return True
-        self.repeated += 1
-        return False
+        return before_ns is None or abs(measured_ns - before_ns) > SAME_NS + SAME_PER_AGE * age_ns
 
 
 def measured_at_ns(reading: MoteReading) -> int:

@@ -111,7 +111,6 @@ class SequenceCounter:
 
     Attributes:
         lost: frames that did not arrive, from the gaps in the counter.
-        repeated: frames with the same counter as the previous frame: sent twice, or by two senders.
         expected: the next counter if nothing is lost; None before the first. A reader of many frames may compare and
             increment it directly, without `record`.
 
@@ -119,7 +118,6 @@ class SequenceCounter:
 
     def __init__(self) -> None:
         self.lost = 0
-        self.repeated = 0
         self.expected: int | None = None
 
     def record(self, counter: int) -> int:
@@ -128,9 +126,6 @@ class SequenceCounter:
         if expected is None:
             return 0
         step = (counter + 1 - expected) % MODULUS
-        if step == 0:
-            self.repeated += 1
-            return 0
-        missing = step - 1 if step <= LONGEST_GAP else 0
+        missing = step - 1 if 0 < step <= LONGEST_GAP else 0
         self.lost += missing
         return missing

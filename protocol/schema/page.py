@@ -1,10 +1,9 @@
 """The wire as a page of documentation, in markdown."""
 
 from collections.abc import Iterable
-from types import NoneType
-from typing import Any, get_args, get_origin
+from typing import Any, get_origin
 
-from robrain.protocol.schema.document import COMMON_ERRORS, OTHER_ERRORS
+from robrain.protocol.schema.document import COMMON_ERRORS, OTHER_ERRORS, schema_or_none
 from robrain.protocol.schema.struct_schema import Schema, definitions
 from robrain.protocol.table.topics import all_rows, all_topics
 from robrain.protocol.topic import JSON, Delivery, Query, Token, Topic
@@ -162,18 +161,10 @@ def _delivery(topic: Topic[Any]) -> str:
 def _type(kind: Any) -> str:
     if kind is bytes:
         return "free JSON"
-    if kind in (None, NoneType):
-        return "–"
-    if kind in (str, bool):
-        return "string" if kind is str else "boolean"
-    inner = get_args(kind)
-    if get_origin(kind) is list:
-        return f"list of {_type(inner[0])}"
     if get_origin(kind) is dict:
         return "object of numbers"
-    if inner:
-        return f"{_type(inner[0])} or null"
-    return f"[{kind.__name__}](#{kind.__name__.lower()})"
+    schema = schema_or_none(kind)
+    return "–" if schema is None else schema_text(schema)
 
 
 def _encoding(encoding: str) -> str:

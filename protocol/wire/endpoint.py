@@ -146,7 +146,6 @@ class Endpoint:
         if self.member is not None and self.member.team != team:
             raise WireError(f"the certificate of {self.member} is of team {self.member.team}, not of team {team}")
         self._signing = Signing(self.member)
-        self.refused_queries = 0
         self.refusals = Refusals(clock) if refusals is None else refusals
         """Counts of the messages and requests that the endpoint refused."""
         self._border = Border(clock, self.refusals)
@@ -325,7 +324,6 @@ class Endpoint:
             self._refuse(refused[0], f"{PENDING_QUERIES} queries wait already")
 
     def _refuse(self, query: Asked, why: str) -> None:
-        self.refused_queries += 1
         try:
             query.reply_error(CallError(ErrorCode.BUSY, why))
         finally:
