@@ -75,20 +75,22 @@ def schedule_charges(seekers: Iterable[ChargeSeeker], power_w: Callable[[Point2D
     places = _distinct(
         [path.charger for one in served for path in one.paths] + [p for one in served if (p := one.bound_for)]
     )
-    queues: dict[Point2D, list[tuple[ChargeSeeker, float]]] = {place: [] for place in places}
-    free_s = dict.fromkeys(places, 0.0)
-    given: list[tuple[Point2D, str]] = []
+    full_s, free_s = dict.fromkeys(places, 0.0), dict.fromkeys(places, 0.0)
+    """When each charger is free: if no charge ends early, by which chargers are assigned, and by the schedule."""
+    behind = dict.fromkeys(places, "")
+    turns = []
     for one in served:
-        place, travel_s = _earliest(one, places, free_s)
-        until_s = _times(one, travel_s, free_s[place], _goal(one, CHARGED_SOC), power_w(place))[1]
-        queues[place].append((one, travel_s))
-        free_s[place] = until_s + CLEAR_S
-        given.append((place, one.name))
-    turns = {}
-    for place, queue in queues.items():
-        for turn in _turns(place, queue, power_w(place)):
-            turns[turn.robot] = turn
-    return tuple(turns[name] for _, name in given)
+        place, travel_s = _earliest(one, places, full_s)
+        level_soc, charger_w = CHARGED_SOC, power_w(place)
+        full_s[place] = _times(one, travel_s, full_s[place], _goal(one, level_soc), charger_w)[1] + CLEAR_S
+        if one.is_there and one.needs_soc is not None and not one.is_whole:
+            level_soc = min(level_soc, one.needs_soc)
+        to_soc = _goal(one, level_soc)
+        from_s, until_s = _times(one, travel_s, free_s[place], to_soc, charger_w)
+        set_out_s = max(0.0, from_s - travel_s)
+        turns.append(ChargerSlot(one.name, place, set_out_s, free_s[place], from_s, until_s, to_soc, behind[place]))
+        free_s[place], behind[place] = until_s + CLEAR_S, one.name
+    return tuple(turns)
 
 
 def _order(one: ChargeSeeker) -> tuple[int, float, float, str]:
@@ -129,15 +131,3 @@ def _times(one: ChargeSeeker, travel_s: float, free_s: float, to_soc: float, pow
     from_s = max(free_s, travel_s) if not one.is_there else free_s
     dock_s = 0.0 if one.is_there else DOCK_S
     return from_s, from_s + dock_s + max(0.0, to_soc - one.soc) * one.capacity_j / power_w
-
-
-def _turns(place: Point2D, queue: list[tuple[ChargeSeeker, float]], power_w: float) -> Iterable[ChargerSlot]:
-    free_s, behind = 0.0, ""
-    for one, travel_s in queue:
-        level_soc = CHARGED_SOC
-        if one.is_there and one.needs_soc is not None and not one.is_whole:
-            level_soc = min(level_soc, one.needs_soc)
-        to_soc = _goal(one, level_soc)
-        from_s, until_s = _times(one, travel_s, free_s, to_soc, power_w)
-        yield ChargerSlot(one.name, place, max(0.0, from_s - travel_s), free_s, from_s, until_s, to_soc, behind)
-        free_s, behind = until_s + CLEAR_S, one.name

@@ -7,7 +7,6 @@ enough for the tasks that wait for it.
 import math
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
-from typing import NamedTuple
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
 from robrain.coordinator.parts.charge_schedule import (
@@ -48,14 +47,6 @@ from robrain.protocol.reasons import (
 
 FULL_ENOUGH = 0.9
 """Below this level, a robot that lacks only the energy to explore is sent to charge."""
-
-
-class Charge(NamedTuple):
-    """A robot and the charger that it is sent to."""
-
-    robot: str
-    charger: Charger
-    to_soc: float = CHARGED_SOC
 
 
 ROUTE_FACTOR = 2.0
@@ -255,8 +246,6 @@ class Charging(CoordinatorPart):
         self._publisher = core.wire.publisher(COORDINATOR_CHARGES)
         self._published: tuple[PlannedCharge, ...] = ()
         self._not_before_ns: dict[str, int] = {}
-        self._to_soc: dict[str, float] = {}
-        """State of charge to which each robot was last sent to charge."""
 
     def assign(self, robots: Sequence[Robot], now_ns: int) -> None:
         """Send robots to charge, if plans are made."""
@@ -264,23 +253,21 @@ class Charging(CoordinatorPart):
             return
         pauses = self.core.lifecycle.backoff.robots
         free = [robot for robot in self.core.idle(robots) if not pauses.pause_reason(robot.name, now_ns)]
-        for robot, charger, to_soc in self.choose(free, now_ns):
-            wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=to_soc)
-            task = Task(id=self.core.new_id("recharge"), kind=RECHARGE, place=charger.place, parameters=wanted.json)
+        for robot, task in self.choose(free, now_ns).items():
             self.core.offer_own(task, robot, now_ns)
 
     def task_ended(self, record: TaskRecord, robot: str, status: TaskStatus, now_ns: int) -> None:
         """A robot's charge may have ended."""
         if record.task.kind == RECHARGE:
-            self.ended(robot, status.state, now_ns)
+            self._ended(record, robot, status.state, now_ns)
 
     def task_refused(self, record: TaskRecord, robot: str, refusal: OfferRefusal, now_ns: int) -> None:
         """A robot may have refused to charge."""
         if record.task.kind == RECHARGE:
-            self.ended(robot, TaskState.FAILED, now_ns)
+            self._ended(record, robot, TaskState.FAILED, now_ns)
 
-    def choose(self, idle: list[Robot], now_ns: int) -> list[Charge]:
-        """Return the robots, of those without a task, that must be asked to charge now.
+    def choose(self, idle: list[Robot], now_ns: int) -> dict[str, Task]:
+        """Return the tasks to charge of the robots, of those without a task, that must be asked to charge now.
 
         Raises:
             JournalUnwritable: the end of a charge, or the reason why a task waits, could not be written; both are tried
@@ -293,15 +280,14 @@ class Charging(CoordinatorPart):
             self.waiting = {}
             planning.after_charge.clear()
             self._publish_schedule((), {}, set(), now_ns)
-            return []
+            return {}
         below, to_charge = planning.policy.charge_below, planning.to_charge()
         limits = {robot.name: FULL_ENOUGH if robot.name in planning.lack_range else below for robot in idle}
         limits |= dict.fromkeys(limits.keys() & to_charge, math.inf)
         seekers = self._competing.seekers(limits, set(self._not_before_ns), now_ns)
         turns = schedule_charges(seekers.values(), planning.chargers.power.of)
-        charges = [charge for turn in turns if (charge := self._charge(turn, seekers[turn.robot])) is not None]
-        has_set_out = {one.robot for one in charges}
-        has_set_out |= {name for name, one in seekers.items() if one.bound_for is not None}
+        charges = {turn.robot: self._charge(turn) for turn in turns if self._is_due(turn, seekers[turn.robot])}
+        has_set_out = charges.keys() | {name for name, one in seekers.items() if one.bound_for is not None}
         planning.after_charge.clear()
         for turn in turns:
             if turn.robot in has_set_out:
@@ -312,26 +298,27 @@ class Charging(CoordinatorPart):
         self._publish_waiting(now_ns)
         return charges
 
-    def ended(self, robot: str, state: TaskState, now_ns: int) -> None:
+    def _ended(self, record: TaskRecord, robot: str, state: TaskState, now_ns: int) -> None:
         """Handle the end, or the refusal, of a robot's charge."""
         self._planning.after_charge.pop(robot, None)
         if state is not TaskState.DONE:
             self._not_before_ns[robot] = now_ns + AGAIN_NS
-        elif self._to_soc.get(robot, CHARGED_SOC) < CHARGED_SOC:
+        elif record.own and parameters_of(record.task, Recharge).until_soc < CHARGED_SOC:
             self._competing.cut_short.add(robot)
         else:
             self._competing.cut_short.discard(robot)
 
-    def _charge(self, turn: ChargerSlot, one: ChargeSeeker) -> Charge | None:
-        """Charge order for a robot now: to set out when it is time, or, if it charges on its own initiative, to end."""
+    def _is_due(self, turn: ChargerSlot, one: ChargeSeeker) -> bool:
+        """Whether to order a charge: to set out when it is time, or, if it charges on its own initiative, to end."""
         is_due = one.bound_for is None and turn.set_out_s <= EARLY_S
         is_firm = one.bound_for is not None and one.to_soc is None and self._book.of_robot(turn.robot) is None
-        if not (is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < CHARGED_SOC)):
-            return None
-        self._to_soc[turn.robot] = turn.to_soc
+        return is_due or (is_firm and one.is_there and one.soc >= turn.to_soc < CHARGED_SOC)
+
+    def _charge(self, turn: ChargerSlot) -> Task:
         known = self._planning.chargers.of.get(turn.robot, ())
         charger = next(one for one in known if is_same_charger(one.place, turn.charger))
-        return Charge(turn.robot, charger, round(turn.to_soc, 3))
+        wanted = Recharge(yaw_rad=charger.yaw_rad, until_soc=round(turn.to_soc, 3))
+        return Task(id=self.core.new_id(RECHARGE), kind=RECHARGE, place=charger.place, parameters=wanted.json)
 
     def _end(self, turns: tuple[ChargerSlot, ...], seekers: dict[str, ChargeSeeker]) -> None:
         """End the charges that have reached their level of the tasks that wait for them."""
