@@ -32,10 +32,8 @@ from robrain.protocol.messages.tasks.task_messages import (
     TaskUpdate,
 )
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
-from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.ranges import TEXT_MAX, cut
 from robrain.protocol.model.tasks.task import Task, TaskState
-from robrain.protocol.model.zone import opened
 from robrain.protocol.reasons import TaskReason, cancelled, operated
 from robrain.protocol.wire.endpoint import Deferred, Request, Serve
 
@@ -205,23 +203,12 @@ class TaskRequests:
         return impossibility(
             task,
             self._clock.now_ns(),
-            grid=self._map.opened,
-            zones=opened(self._map.zones),
-            seen=self._map.seen,
-            robots=[Point2D(pose.x_m, pose.y_m) for pose in self._poses()],
+            team_map=self._map,
+            robots=[robot.state for robot in self._roster.robots.values() if robot.state is not None],
             plugins=self._capabilities.plugins,
             others=others,
             schemas=self._capabilities.schemas(),
-            radius_m=self._least_radius_m(),
         )
-
-    def _poses(self) -> list[Pose2D]:
-        states = [robot.state for robot in self._roster.robots.values()]
-        return [state.pose for state in states if state is not None and state.pose is not None]
-
-    def _least_radius_m(self) -> float:
-        states = [robot.state for robot in self._roster.robots.values()]
-        return min((state.radius_m for state in states if state is not None), default=0.0)
 
     def _cancel(self, request: Request[TaskRequest]) -> Deferred[TaskRecord]:
         asked = request.asked

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import BadName
 from robrain.protocol.keys import check_name
 from robrain.protocol.messages.message import JsonSchema
+from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import (
@@ -31,7 +33,7 @@ from robrain.protocol.model.tasks.stock_kinds import (
     places_of,
 )
 from robrain.protocol.model.tasks.task import BadParameters, Task, TaskState
-from robrain.protocol.model.zone import NO_ENDING, Zone
+from robrain.protocol.model.zone import NO_ENDING, opened
 from robrain.protocol.reasons import (
     AfterEnded,
     DeadlinePassed,
@@ -63,37 +65,32 @@ def impossibility(
     task: Task,
     now_ns: int,
     *,
-    grid: "OccupancyGrid | None",
+    team_map: TeamMap,
+    robots: Sequence[RobotState],
     plugins: Mapping[str, Iterable[str] | None],
     others: Mapping[str, TaskRecord],
     schemas: Mapping[str, Sequence[JsonSchema]] = NO_SCHEMAS,
-    radius_m: float = 0.0,
-    zones: Sequence[Zone] = (),
-    seen: "OccupancyGrid | None" = None,
-    robots: Sequence[Point2D] = (),
 ) -> str:
     """Describe in words why a task can never be done; empty if it may be possible.
 
     Args:
         task: a new one.
         now_ns: the time.
-        grid: the known map, with keep-out zones that do not open again; None if nothing is known.
+        team_map: the known map. Zones that open again do not count.
+        robots: last state of each robot, if known.
         plugins: offer of each robot of the team; None for a robot that has not announced it.
         others: its predecessors, and theirs, if known.
         schemas: of the parameters of each kind of task, as robots announce them.
-        radius_m: of the smallest robot; 0 if it is unknown.
-        zones: zones that hold now, once those have opened that open again.
-        seen: the known map without zones.
-        robots: places of the robots, if known.
 
     """
+    radius_m = min((robot.radius_m for robot in robots), default=0.0)
     return (
         _name_refusal(task.id)
         or _deadline_refusal(task, now_ns)
         or _kind_refusal(task, plugins, schemas)
         or _parameters_refusal(task, schemas)
-        or _zone_refusal(places := places_of(task), zones, seen, robots, radius_m)
-        or _place_refusal(places, grid, radius_m)
+        or _zone_refusal(places := places_of(task), team_map, robots, radius_m)
+        or _place_refusal(places, team_map.opened, radius_m)
         or sentence_of(capability_refusal(task, plugins) or dependency_refusal(task, others))
         or _same_robot_refusal(task, others)
         or _cycle_refusal(task, others)
@@ -218,14 +215,8 @@ def _deadline_refusal(task: Task, now_ns: int) -> str:
     return ""
 
 
-def _zone_refusal(
-    places: Sequence[Point2D],
-    zones: Sequence[Zone],
-    seen: "OccupancyGrid | None",
-    robots: Sequence[Point2D],
-    radius_m: float,
-) -> str:
-    zones = [zone for zone in zones if not zone.robots]
+def _zone_refusal(places: Sequence[Point2D], team_map: TeamMap, robots: Sequence[RobotState], radius_m: float) -> str:
+    zones, seen = [zone for zone in opened(team_map.zones) if not zone.robots], team_map.seen
     for place, zone in itertools.product(places, zones):
         if zone.kind in NO_ENDING and zone.holds(place):
             return f"({place.x_m:g}, {place.y_m:g}) is in the {NO_ENDING[zone.kind]} zone {zone.name}"
@@ -233,7 +224,8 @@ def _zone_refusal(
         return ""
     from robrain.algorithms.navigation.separation import Separation
 
-    separation = Separation(seen.classes(), seen.geometry, zones, robots, radius_m)
+    starts = [Point2D(robot.pose.x_m, robot.pose.y_m) for robot in robots if robot.pose is not None]
+    separation = Separation(seen.classes(), seen.geometry, zones, starts, radius_m)
     for place in places:
         if names := separation.zones_before(place, NEAR_M):
             return f"the keep-out zone {' or '.join(names)} separates ({place.x_m:g}, {place.y_m:g}) from all robots"

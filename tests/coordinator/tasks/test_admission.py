@@ -1,7 +1,8 @@
 """What can never be done is refused at once, with the reason; what may be possible is not."""
 
 import itertools
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.coordinator.tasks.admission import dependency_refusal, impossibility, unknown_names
+from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
@@ -39,8 +41,13 @@ def errand(parameters: Deliver | Patrol) -> Task:
     return Task(id="t1", kind=type(parameters).__name__.lower(), place=Point2D(1.0, 1.0), parameters=parameters.json)
 
 
+def known_map(grid: OccupancyGrid | None) -> TeamMap:
+    return cast("TeamMap", SimpleNamespace(opened=grid, seen=grid, zones=()))
+
+
 def why(task, grid=None, plugins=ALL, others=()) -> str:
-    return impossibility(task, NOW_NS, grid=grid, plugins=plugins, others={record.task.id: record for record in others})
+    others = {record.task.id: record for record in others}
+    return impossibility(task, NOW_NS, team_map=known_map(grid), robots=(), plugins=plugins, others=others)
 
 
 def test_a_place_in_a_gap_where_no_robot_fits_is_refused() -> None:
@@ -50,7 +57,8 @@ def test_a_place_in_a_gap_where_no_robot_fits_is_refused() -> None:
     gap.merge_patch(0, 0, cells, 5)
 
     def refusal(x_m: float, radius_m: float) -> str:
-        return impossibility(visit(x_m), NOW_NS, grid=gap, plugins=ALL, others={}, radius_m=radius_m)
+        robot = SimpleNamespace(radius_m=radius_m, pose=None)
+        return impossibility(visit(x_m), NOW_NS, team_map=known_map(gap), robots=[robot], plugins=ALL, others={})
 
     assert refusal(2.65, 0.15) == refusal(2.65, 0.0) == refusal(0.45, 0.3) == refusal(5.2, 0.3) == ""
     assert refusal(2.65, 0.3) == "no robot fits within 0.8 m of (2.65, 1)"
