@@ -194,10 +194,8 @@ class Journal:
         epoch = max(self._epoch + 1, at_least)
         if epoch > self._epoch_ceiling:
             ceiling = epoch + EPOCH_BLOCK
-            with self._transaction(durable=True):
-                self._db.execute("UPDATE epoch SET ceiling = ?", (ceiling,))
+            self._record(JournalEntry(seq=0, epoch_ceiling=ceiling), durable=True)
             self._epoch_ceiling = ceiling
-            self._report(JournalEntry(seq=0, epoch_ceiling=ceiling))
         self._epoch = epoch
         return epoch
 
@@ -312,10 +310,6 @@ class Journal:
                        reason=read_reason(reason))
             for number, _, stamp_ns, state, robot, epoch, text, reason in reversed(rows)
         ]  # fmt: skip
-
-    def was_offered(self, task_id: str, robot: str, epoch: int) -> bool:
-        """Whether this task was ever offered to that robot with that epoch."""
-        return self.when_offered(task_id, robot, epoch) > 0
 
     def when_offered(self, task_id: str, robot: str, epoch: int) -> int:
         """Number of the change with which a task was offered to a robot with that epoch; 0 if it never was."""

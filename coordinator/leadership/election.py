@@ -94,6 +94,22 @@ class Poll:
         return len(self.granted_ns) == len(self._witnesses)
 
     @property
+    def silent(self) -> list[str]:
+        """Witnesses that have not answered."""
+        return [name for name in self._witnesses if name not in self.granted_ns and name not in self.refusals]
+
+    @property
+    def words(self) -> str:
+        """The answers in one line."""
+        parts = []
+        for refusal, words in WORDS.items():
+            if names := [name for name in self._witnesses if self.refusals.get(name) is refusal]:
+                parts.append(f"{', '.join(names)}: {words}")
+        if self.silent:
+            parts.append(f"{', '.join(self.silent)}: no answer yet")
+        return f"{len(self.granted_ns)} of {len(self._witnesses)} witnesses elect it; {'; '.join(parts)}"
+
+    @property
     def won_ns(self) -> int:
         """More than half of the voters were asked at this time or later, and granted the request."""
         return sorted(self._granted, reverse=True)[len(self._voters) // 2]
@@ -145,34 +161,6 @@ class Won(NamedTuple):
     """Whether a coordinator with another journal led before; its last offers may still arrive."""
 
 
-class Lost(NamedTuple):
-    """An election that a coordinator has not won."""
-
-    witnesses: tuple[str, ...]
-    """Names of the robots that elect."""
-    granted: frozenset[str]
-    """Witnesses that have elected it."""
-    refusals: tuple[tuple[str, WitnessRefusal], ...]
-    """Each witness that refused, and why; witnesses without an answer are missing."""
-
-    @property
-    def silent(self) -> list[str]:
-        """Witnesses that did not answer."""
-        return [name for name in self.witnesses if name not in self.granted and name not in dict(self.refusals)]
-
-    @property
-    def words(self) -> str:
-        """In one line."""
-        refusals = dict(self.refusals)
-        parts = []
-        for refusal, words in WORDS.items():
-            if names := [name for name in self.witnesses if refusals.get(name) is refusal]:
-                parts.append(f"{', '.join(names)}: {words}")
-        if self.silent:
-            parts.append(f"{', '.join(self.silent)}: no answer yet")
-        return f"{len(self.granted)} of {len(self.witnesses)} witnesses elect it; {'; '.join(parts)}"
-
-
 class Elected(NamedTuple):
     """A coordinator that was elected to lead."""
 
@@ -202,7 +190,7 @@ class Election:
     ) -> None:
         self.journal, self.witnesses = journal, tuple(witnesses)
         self.voters = self.witnesses if voters is None else tuple(voters)
-        self.lost: Lost | None = None
+        self.lost: Poll | None = None
         """The last election if it was lost; None if it was won."""
         self._wire = wire
         self.is_forced = False
@@ -258,8 +246,7 @@ class Election:
             self.lost = None
             return Won(poll.request.election, poll.won_ns, bool(poll.journals_before - {"", self.journal}))
         if poll.is_lost or not 0 <= now_ns - poll.began_ns <= POLL_NS:
-            self.lost = Lost(self.witnesses, frozenset(poll.granted_ns), tuple(sorted(poll.refusals.items())))
-            self._poll, self._again_ns = None, now_ns
+            self.lost, self._poll, self._again_ns = poll, None, now_ns
             has_learnt_number = not poll.granted_ns and poll.election > poll.request.election
             if not has_learnt_number:
                 draw = zlib.crc32(f"{self.journal} {poll.request.election}".encode()) % PAUSES

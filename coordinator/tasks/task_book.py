@@ -250,7 +250,7 @@ class TaskBook:
             return None
         if record.robot != robot or record.epoch != status.epoch:
             done = status.state is TaskState.DONE
-            if not done or not self.journal.was_offered(status.id, robot, status.epoch):
+            if not done or not self.journal.when_offered(status.id, robot, status.epoch):
                 return None
             reason = (
                 plain("done_before", f"{robot} had done it before it was given to another", robot=robot)

@@ -12,7 +12,7 @@ import zenoh
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.candidate import Candidate, Following
-from robrain.coordinator.leadership.election import Elected, Election, Lost
+from robrain.coordinator.leadership.election import Elected, Election
 from robrain.coordinator.live import run_coordinator
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.deploy.command_line.output import print_message, print_result
@@ -157,7 +157,7 @@ class _Progress:
     def __init__(self) -> None:
         self._following: Following | None = None
         self._unlike = ""
-        self._lost: Lost | None = None
+        self._lost = ""
         self._lost_due_s = time.monotonic() + REASON_PERIOD_S
 
     def record(self, candidate: Candidate) -> None:
@@ -169,8 +169,8 @@ class _Progress:
         if candidate.unlike != self._unlike:
             self._unlike = candidate.unlike
             _print(f"it does not stand by: {self._unlike}" if self._unlike else "it stands by")
-        if lost is not None and lost != self._lost and time.monotonic() > self._lost_due_s:
-            self._lost, self._lost_due_s = lost, time.monotonic() + REASON_PERIOD_S
+        if lost is not None and time.monotonic() > self._lost_due_s and lost.words != self._lost:
+            self._lost, self._lost_due_s = lost.words, time.monotonic() + REASON_PERIOD_S
             _print(f"not elected: {lost.words}")
 
 

@@ -57,9 +57,9 @@ def test_what_was_written_is_there_when_it_is_opened_again(path: Path) -> None:
         (TaskState.QUEUED, "", 0, ""),
         (TaskState.OFFERED, "r1", 1, "nearest"),
     ]
-    assert other.was_offered("t1", "r1", 1)
-    assert not other.was_offered("t1", "r2", 1)
-    assert not other.was_offered("t1", "r1", 2)
+    assert other.when_offered("t1", "r1", 1)
+    assert not other.when_offered("t1", "r2", 1)
+    assert not other.when_offered("t1", "r1", 2)
     other.close()
 
 

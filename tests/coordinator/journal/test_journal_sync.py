@@ -133,7 +133,7 @@ def test_offer_counts_as_made_only_to_its_robot_with_its_epoch(journal: Journal)
     record = journal.accept(queued("t1"))
     journal.change(msgspec.structs.replace(record, state=TaskState.OFFERED, robot="r1", epoch=3))
     journal.change(msgspec.structs.replace(record, state=TaskState.RUNNING, robot="r2", epoch=4))
-    assert journal.was_offered("t1", "r1", 3)
-    assert not journal.was_offered("t1", "r1", 4)
-    assert not journal.was_offered("t1", "r2", 4)  # it runs it, but nobody offered it
-    assert not journal.was_offered("t2", "r1", 3)
+    assert journal.when_offered("t1", "r1", 3)
+    assert not journal.when_offered("t1", "r1", 4)
+    assert not journal.when_offered("t1", "r2", 4)  # it runs it, but nobody offered it
+    assert not journal.when_offered("t2", "r1", 3)
