@@ -3,21 +3,11 @@
 import gc
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from robrain.coordinator.coordinator import Coordinator
-from robrain.coordinator.journal.journal import Journal
-from robrain.coordinator.leadership.election import Elected
-from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.gc_pause import GcPause
-from robrain.protocol.model.rules.mission import Mission
-from robrain.protocol.model.rules.rule import Rule
-from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.workers import OwnedThread
-
-if TYPE_CHECKING:  # loads kernels
-    from robrain.algorithms.slam.floor_map import FloorMap
 
 PERIOD_S = 0.02
 """Longest time between two steps; messages are handled sooner."""
@@ -28,25 +18,14 @@ LEAST_REST_S = 0.002
 JOIN_S = 3.0
 
 
-def run_coordinator(
-    wire: Endpoint,
-    should_stop: Callable[[], bool],
-    on_ready: Callable[[], None],
-    journal: Journal | None = None,
-    policy: PlanningPolicy | None = None,
-    rules: Sequence[Rule] = (),
-    elected: Elected | None = None,
-    missions: Sequence[Mission] = (),
-    floor: "FloorMap | None" = None,
-) -> str:
+def run_coordinator(coordinator: Coordinator, should_stop: Callable[[], bool], on_ready: Callable[[], None]) -> str:
     """Coordinate a team until `should_stop()`, or until another coordinator was elected; returns the name of that one.
 
     The team receives its coordinator first: plan processes start after that, and the libraries of the map are loaded
     beside the loop. Until it is there, the robots' patches wait.
     """
-    arrived = threading.Event()
+    arrived, wire = threading.Event(), coordinator.core.wire
     wire.on_receive = wire.on_waiting = arrived.set
-    coordinator = Coordinator(wire, journal, policy, rules, elected, missions, floor)
     coordinator.team_map.hold()
     collector = None
     loading: OwnedThread | None = None

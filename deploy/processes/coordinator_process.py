@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import zenoh
 
+from robrain.coordinator.coordinator import Coordinator
 from robrain.coordinator.journal.errors import JournalUnwritable
 from robrain.coordinator.journal.journal import Journal
 from robrain.coordinator.leadership.candidate import Candidate, Following
@@ -135,9 +136,8 @@ class LiveCoordination(NamedTuple):
             self.on_ready()
 
         with live_endpoint(self.session, self.team) as wire:
-            return run_coordinator(
-                wire, should_stop, ready, journal, self.policy, self.rules, elected, self.missions, self.floor
-            )
+            coordinator = Coordinator(wire, journal, self.policy, self.rules, elected, self.missions, self.floor)
+            return run_coordinator(coordinator, should_stop, ready)
 
     def _await_election(self, witnesses: Sequence[str], claim: NameClaim, should_stop: ShouldStop) -> Elected | None:
         """Follow or stand for election until it is elected; None if `should_stop` came first."""
