@@ -284,13 +284,11 @@ class Core:
         self.team_map = TeamMap()
         self.capabilities = Capabilities(wire)
         self.lifecycle = TaskLifecycle(wire, self.tasks, self.roster, self.capabilities, self.parts, self.team_map)
-        self.planning = Planning(self.lifecycle, self.team_map, policy)
-        self.explanation = TaskExplainer(self.lifecycle, self.planning, self.parts.verdicts)
-        coalitions = Coalitions(self.planning, self.lifecycle, self.team_map, self.new_id)
+        self.planning = Planning(self.lifecycle, policy)
+        self.explanation = TaskExplainer(self.lifecycle, self.planning)
+        coalitions = Coalitions(self.planning, self.lifecycle, self.new_id)
         self.executor = PlanExecutor(self.planning, self.lifecycle, self.explanation, coalitions)
-        self.requests = TaskRequests(
-            self.lifecycle, self.explanation, self.team_map, self.planning.chargers, self.parts
-        )
+        self.requests = TaskRequests(self.lifecycle, self.explanation, self.planning.chargers)
         self.term = max(first_epoch, self.tasks.journal.new_epoch(first_epoch))
         """The first epoch of this coordinator."""
         self._own_tasks = self.term

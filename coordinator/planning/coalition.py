@@ -15,7 +15,6 @@ import numpy as np
 
 from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
-from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.messages.tasks.task_messages import TaskFilter, TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
@@ -52,20 +51,13 @@ class Coalitions:
     Args:
         planning: decides which robots, and when.
         lifecycle: offers the parts.
-        team_map: the known map.
         new_id: makes an unused task id of a kind.
 
     """
 
-    def __init__(
-        self,
-        planning: Planning,
-        lifecycle: TaskLifecycle,
-        team_map: TeamMap,
-        new_id: Callable[[str], str],
-    ) -> None:
+    def __init__(self, planning: Planning, lifecycle: TaskLifecycle, new_id: Callable[[str], str]) -> None:
         self._planning, self._lifecycle = planning, lifecycle
-        self._book, self._map, self._new_id = lifecycle.book, team_map, new_id
+        self._book, self._map, self._new_id = lifecycle.book, lifecycle.team_map, new_id
         self._groups: dict[str, _Group] = {}
         for record in self._book.open:
             if record.task.robots > 1 and not record.own and record.state is not TaskState.QUEUED:

@@ -31,7 +31,6 @@ from robrain.coordinator.tasks.task_costs import TaskCosts
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
-from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.robot_messages import RobotState
@@ -200,12 +199,11 @@ class Planning:
 
     Args:
         lifecycle: of the tasks, with the book and the robots.
-        team_map: the known map.
         policy: parameters of planning.
 
     """
 
-    def __init__(self, lifecycle: TaskLifecycle, team_map: TeamMap, policy: PlanningPolicy) -> None:
+    def __init__(self, lifecycle: TaskLifecycle, policy: PlanningPolicy) -> None:
         wire = lifecycle.wire
         self.policy = policy
         self.chargers = KnownChargers(wire, lifecycle.capabilities.plugins)
@@ -223,8 +221,8 @@ class Planning:
         """Tasks that could not be part of the plan, and why."""
         self._wire = wire
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
-        self._team_map = team_map
-        self._builder = SnapshotBuilder(lifecycle, team_map, self.chargers, self.exclusion, self.after_charge)
+        self._team_map = lifecycle.team_map
+        self._builder = SnapshotBuilder(lifecycle, self.chargers, self.exclusion, self.after_charge)
         self._eligibility = lifecycle.eligibility
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)

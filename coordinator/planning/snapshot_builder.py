@@ -11,7 +11,6 @@ from robrain.coordinator.planning.snapshot import AfterCharge, Floor, PlanningRo
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
 from robrain.coordinator.team.roster import Robot
-from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
@@ -42,7 +41,6 @@ class SnapshotBuilder:
 
     Args:
         lifecycle: of the tasks, with the book and the robots.
-        team_map: the known map.
         chargers: known to the robots.
         exclusion: why plans exclude a robot now; None if they do not.
         after_charge: predicted states of charging robots after their charge, from `Planning`.
@@ -52,7 +50,6 @@ class SnapshotBuilder:
     def __init__(
         self,
         lifecycle: TaskLifecycle,
-        team_map: TeamMap,
         chargers: KnownChargers,
         exclusion: Callable[[Robot, int], RobotReason | None],
         after_charge: Mapping[str, AfterCharge],
@@ -60,7 +57,7 @@ class SnapshotBuilder:
         self.is_blocked = False
         """Whether a robot was blocked since the map was read."""
         self._book, self._roster, self._capabilities = lifecycle.book, lifecycle.roster, lifecycle.capabilities
-        self._map, self._chargers = team_map, chargers
+        self._map, self._chargers = lifecycle.team_map, chargers
         self._exclusion, self._after_charge = exclusion, after_charge
         self._present_ns: dict[str, int] = {}
         self._floor: Floor | None = None

@@ -43,18 +43,12 @@ class TaskExplainer:
     Args:
         lifecycle: of the tasks, with the book and the robots.
         planning: the plan's decision.
-        others: verdicts on members that are no robots.
 
     """
 
-    def __init__(
-        self,
-        lifecycle: TaskLifecycle,
-        planning: Planning,
-        others: Callable[[TaskRecord, int], list[RobotVerdict]],
-    ) -> None:
+    def __init__(self, lifecycle: TaskLifecycle, planning: Planning) -> None:
         self._book, self._roster, self._backoff = lifecycle.book, lifecycle.roster, lifecycle.backoff
-        self._eligibility, self._planning, self._others = lifecycle.eligibility, planning, others
+        self._eligibility, self._planning, self._gate = lifecycle.eligibility, planning, lifecycle.gate
 
     def explain(self, record: TaskRecord, now_ns: int, answer: Callable[[TaskExplanation | CallError], None]) -> None:
         """Answer why a task stands as it does; for an open one with each robot's cost from now on.
@@ -99,7 +93,7 @@ class TaskExplainer:
         """Each member's verdict on an open task: why it is excluded, or else the cost of the task by a plan of now."""
         whose = _whose(record)
         corrected = {bid.robot: self._planning.forecast.corrected(bid) for bid in bids}
-        others = {one.robot: one for one in self._others(record, now_ns)}
+        others = {one.robot: one for one in self._gate.verdicts(record, now_ns)}
         judged = [one for name, one in others.items() if name not in self._roster.robots]
         for name, robot in sorted(self._roster.robots.items()):
             pose = None if robot.state is None else robot.state.pose

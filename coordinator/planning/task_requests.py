@@ -1,8 +1,8 @@
 """Answers queries about tasks: submit, dry run, change, cancel, list, get, why."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -12,7 +12,6 @@ from robrain.coordinator.tasks.admission import impossibility, unknown_names
 from robrain.coordinator.tasks.eligibility import PAUSED
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.chargers import KnownChargers
-from robrain.coordinator.team.team_map import TeamMap
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.tasks.task_messages import (
     TASK_CANCEL,
@@ -45,19 +44,6 @@ CHANGED, RESUMED = "changed", "resumed"
 """Kinds of reasons of tasks that were changed."""
 
 
-class RequestGate(Protocol):
-    """Whether tasks are accepted, and when a change may be acknowledged."""
-
-    def request_refusal(self) -> str:
-        """Why no task is accepted or cancelled, in words; empty if tasks are."""
-
-    def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
-        """Call `on_kept` once no change up to now can be lost with this machine, else `on_lost` with a reason."""
-
-    def mote_quantities(self) -> Mapping[str, str]:
-        """All known motes, each with the quantity that it senses."""
-
-
 A = TypeVar("A")
 
 
@@ -67,27 +53,18 @@ class TaskRequests:
     Args:
         lifecycle: of the tasks, with the book and the robots.
         explanation: why a task stands as it does, and how a new one would.
-        team_map: the known map.
         chargers: those that robots know.
-        gate: whether tasks are accepted, and when a change may be acknowledged.
 
     """
 
-    def __init__(
-        self,
-        lifecycle: TaskLifecycle,
-        explanation: TaskExplainer,
-        team_map: TeamMap,
-        chargers: KnownChargers,
-        gate: RequestGate,
-    ) -> None:
+    def __init__(self, lifecycle: TaskLifecycle, explanation: TaskExplainer, chargers: KnownChargers) -> None:
         wire = lifecycle.wire
         self.has_changed = False
         """Whether a task was submitted or cancelled since the reader last set it to False."""
         self._clock = wire.clock
         self._roster = lifecycle.roster
-        self._book, self._capabilities, self._map = lifecycle.book, lifecycle.capabilities, team_map
-        self._explanation, self._chargers, self._gate = explanation, chargers, gate
+        self._book, self._capabilities, self._map = lifecycle.book, lifecycle.capabilities, lifecycle.team_map
+        self._explanation, self._chargers, self._gate = explanation, chargers, lifecycle.gate
         wire.answer(TASK_SUBMIT, self._submit, serve=Serve.IN_STEP)
         wire.answer(TASK_DRY_RUN, self._dry_run, serve=Serve.IN_STEP)
         wire.answer(TASK_CANCEL, self._cancel, serve=Serve.IN_STEP)

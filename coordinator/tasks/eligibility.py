@@ -5,7 +5,7 @@ recovers, its token and states arrive before its queryables. Without a pause the
 offer at once.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol, TypeVar
 
 from robrain.coordinator.tasks.admission import capability_refusal, needed_plugins
@@ -17,7 +17,7 @@ from robrain.protocol.backoff import backoff_s
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.messages.tasks.consensus_messages import TeamBallot
-from robrain.protocol.messages.tasks.task_messages import TaskRecord
+from robrain.protocol.messages.tasks.task_messages import RobotVerdict, TaskRecord
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import (
     DoneJustNow,
@@ -191,7 +191,19 @@ def _lengthen(pauses: dict[str, _Pause], robot: str, reason: RobotReason, now_ns
 
 
 class TaskGate(Protocol):
-    """Parts that may hold offers back; refusals are reported to them."""
+    """Parts of the coordinator as tasks meet them: they may hold requests and offers back, and know other members."""
+
+    def request_refusal(self) -> str:
+        """Why no task is accepted or cancelled, in words; empty if tasks are."""
+
+    def when_kept(self, on_kept: Callable[[], None], on_lost: Callable[[str], None]) -> None:
+        """Call `on_kept` once no change up to now can be lost with this machine, else `on_lost` with a reason."""
+
+    def mote_quantities(self) -> Mapping[str, str]:
+        """All known motes, each with the quantity that it senses."""
+
+    def verdicts(self, record: TaskRecord, now_ns: int) -> list[RobotVerdict]:
+        """Verdicts on members that are no robots."""
 
     def offer_refusal(self) -> TaskReason | None:
         """Why no task is offered at all; None if tasks are."""

@@ -154,7 +154,7 @@ class TaskLifecycle:
         book: of its tasks.
         roster: the robots of the team.
         capabilities: plugins and kinds of task of the robots.
-        gate: may hold offers back; refusals are reported to it.
+        gate: the parts of the coordinator.
         team_map: with the zones that hold.
 
     """
@@ -177,7 +177,7 @@ class TaskLifecycle:
         self._since_ns = self._begun_ns = wire.clock.now_ns()
         self._refusals = wire.refusals
         self._guard = RecordGuard(wire.refusals, (JournalUnwritable,))
-        self._gate, self._map = gate, team_map
+        self.gate, self.team_map = gate, team_map
         self._withdrawn_ns: dict[tuple[str, str, int], int] = {}
         self._written = _AsFarAsWritten()
         self._settled_version = -1
@@ -253,7 +253,7 @@ class TaskLifecycle:
         if not after:  # tasks refused for the present are offered again when the robot is free
             self._avoid_refuser(task_id, robot, refusal, now_ns)
         if record.own:
-            self._gate.task_refused(record, robot, refusal, now_ns)
+            self.gate.task_refused(record, robot, refusal, now_ns)
         return True
 
     def _end_replaced(self, robot: str, task_id: str) -> None:
@@ -307,7 +307,7 @@ class TaskLifecycle:
             task_id = record.task.id
             if record.robot.startswith(MEMBER_PREFIX):
                 return  # handled by `MoteMembers`
-            if self._map.shut_zones and not record.recalled:
+            if self.team_map.shut_zones and not record.recalled:
                 reason = self.eligibility.unplannable(record)
                 if isinstance(reason, Shut) and reason != record.reason:
                     record = self.book.update(record.task, reason, recalls=record.state is not TaskState.QUEUED)
