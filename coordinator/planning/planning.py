@@ -78,7 +78,7 @@ class PlanInputs:
     Args:
         records: the tasks.
         members: the robots.
-        pauses: tasks and robots that must not be offered them now.
+        pauses: tasks and robots that must not be offered them now, and why.
         area_m2: area of the known floor.
         zones: those that hold.
 
@@ -88,28 +88,26 @@ class PlanInputs:
         self,
         records: Iterable[TaskRecord] = (),
         members: Mapping[str, PlanningRobot] = MappingProxyType({}),
-        pauses: Iterable[tuple[str, str]] = (),
+        pauses: Mapping[tuple[str, str], RobotReason] = MappingProxyType({}),
         area_m2: float = 0.0,
         zones: tuple[Zone, ...] = (),
     ) -> None:
-        records = list(records)
-        self.tasks = _tasks(records)
+        self.records, self.members, self.pauses = tuple(records), members, pauses
+        self.tasks = _tasks(self.records)
         self._terms = {
             task.id: (task.priority, task.earliest_ns, task.deadline_ns, task.needs, task.paused)
-            for task in [record.task for record in records if not record.robot]
+            for task in [record.task for record in self.records if not record.robot]
         }
-        self._members = members
         self._figures = {name: _figures(member) for name, member in members.items()}
-        self._pauses = frozenset(pauses)
         self._area_m2, self._zones = area_m2, zones
 
     def cause(self, now: "PlanInputs", *, left_out: int) -> str:
         """Why a new plan is needed, given the inputs of now; empty if it is not."""
         if now.tasks != self.tasks:
             return _difference(now.tasks, self.tasks)
-        if now._members.keys() != self._members.keys():
-            came = sorted(now._members.keys() - self._members.keys())
-            gone = sorted(self._members.keys() - now._members.keys())
+        if now.members.keys() != self.members.keys():
+            came = sorted(now.members.keys() - self.members.keys())
+            gone = sorted(self.members.keys() - now.members.keys())
             return "; ".join([*(f"{name} is there" for name in came), *(f"{name} is out" for name in gone)])
         if not now.tasks:
             return ""
@@ -118,12 +116,12 @@ class PlanInputs:
         for name, terms in now._terms.items():
             if terms != self._terms.get(name, terms):
                 return f"{name} has changed"
-        for name, member in now._members.items():
-            if _abilities(member) != _abilities(self._members[name]):
+        for name, member in now.members.items():
+            if _abilities(member) != _abilities(self.members[name]):
                 return f"{name} can do other things than before"
-        for task, robot in sorted(now._pauses ^ self._pauses):
+        for task, robot in sorted(now.pauses.keys() ^ self.pauses.keys()):
             return f"whether {robot} may be asked for {task}"
-        for name, member in now._members.items():
+        for name, member in now.members.items():
             (usable_j, j_per_m), (now_j, now_j_per_m) = self._figures[name], now._figures[name]
             battery = member.state.battery
             full_j = PLENTY_J if battery is None else capacity_j(battery)
@@ -300,10 +298,7 @@ class Planning:
         records = self._plannable(now_ns)
         if not records and not self._inputs.tasks:
             return
-        members = self._builder.members(now_ns)
-        pauses = self._eligibility.pauses(records, members, now_ns)
-        inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2, self._team_map.zones)
-        cause = self._inputs.cause(inputs, left_out=len(self.left_out))
+        cause = self._inputs.cause(self._inputs_of(records, now_ns), left_out=len(self.left_out))
         if not cause and records and now_ns - (self._asked_ns or now_ns) > to_ns(self.policy.refresh_s):
             cause = "a while has passed"
         self._cause = self._cause or cause
@@ -315,40 +310,37 @@ class Planning:
             self._costs.follow((record.task for record in records), self._builder.places(now_ns), now_ns)
         return [record for record in records if record.robot or self._costs.of(record.task) is not None]
 
+    def _inputs_of(self, records: Sequence[TaskRecord], now_ns: int) -> PlanInputs:
+        members = self._builder.members(now_ns)
+        pauses = self._eligibility.pauses(records, members, now_ns)
+        return PlanInputs(records, members, pauses, self._team_map.known_area_m2, self._team_map.zones)
+
     def _ask(self, now_ns: int) -> None:
         cause, self._cause = self._cause, ""
         self._asked_ns = now_ns
-        records, members = self._plannable(now_ns), self._builder.members(now_ns)
-        pauses = self._eligibility.pauses(records, members, now_ns)
-        self._inputs = PlanInputs(records, members, pauses, self._team_map.known_area_m2, self._team_map.zones)
-        if not members or not records:
+        self._inputs = inputs = self._inputs_of(self._plannable(now_ns), now_ns)
+        if not inputs.members or not inputs.records:
             self._plan = None
             self.left_out, self.waiting = {}, {}
             return
         self._not_before_ns = now_ns + to_ns(self.policy.settle_s)
         self._number += 1
-        self._planner.ask(self._snapshot(records, members, pauses, cause, now_ns), self.policy)
+        self._planner.ask(self._snapshot(inputs, cause, now_ns), self.policy)
 
-    def _snapshot(
-        self,
-        records: Sequence[TaskRecord],
-        members: dict[str, PlanningRobot],
-        pauses: Mapping[tuple[str, str], RobotReason],
-        cause: str,
-        now_ns: int,
-    ) -> Snapshot:
+    def _snapshot(self, inputs: PlanInputs, cause: str, now_ns: int) -> Snapshot:
+        records, members = inputs.records, inputs.members
         open_ids = {record.task.id for record in records}
         works = {record.task.id: self._costs.of(record.task) or () for record in records}
         return Snapshot(
             number=self._number,
             now_ns=now_ns,
             cause=cause,
-            records=tuple(records),
+            records=records,
             ended=self._builder.done_before(records, open_ids),
             held=self._builder.held(records),
             ending=self._builder.ending(members, works),
             members={name: one._replace(charge_w=self.chargers.least_w(name)) for name, one in members.items()},
-            pauses={pair: reason for pair, reason in pauses.items() if pair[0] in open_ids},
+            pauses={pair: reason for pair, reason in inputs.pauses.items() if pair[0] in open_ids},
             waiting={
                 record.task.id: reason
                 for record in records
@@ -372,8 +364,7 @@ class Planning:
             CallError: too many wait for such a plan.
 
         """
-        records, members = self._plannable(now_ns), self._builder.members(now_ns)
-        pauses = self._eligibility.pauses([*records, record], members, now_ns)
+        others = [one for one in self._plannable(now_ns) if one.task.id != record.task.id]
         if not self.is_on:
             on_plan(Supposed(0, None))
             return
@@ -381,9 +372,9 @@ class Planning:
             raise CallError(ErrorCode.BUSY, f"{SUPPOSITIONS_MAX} dry runs are in progress; ask again later")
         self._supposition += 1
         self._suppositions[self._supposition] = on_plan
-        others = [one for one in records if one.task.id != record.task.id]
-        snapshot = self._snapshot([*others, record], members, pauses, f"what if {record.task.id}", now_ns)
-        absent = {name: robot for name, robot in self._builder.absent().items() if name not in members}
+        inputs = self._inputs_of([*others, record], now_ns)
+        snapshot = self._snapshot(inputs, f"what if {record.task.id}", now_ns)
+        absent = {name: robot for name, robot in self._builder.absent().items() if name not in inputs.members}
         self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
         self._answer_suppositions()
 

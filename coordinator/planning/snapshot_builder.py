@@ -111,7 +111,9 @@ class SnapshotBuilder:
         robots = {record.robot for record in records if record.robot}
         return frozenset(record.task.id for name in robots if (record := self._book.next_of(name)) is not None)
 
-    def ending(self, members: dict[str, PlanningRobot], works: Mapping[str, Iterable[Work]]) -> dict[str, PredictedEnd]:
+    def ending(
+        self, members: Mapping[str, PlanningRobot], works: Mapping[str, Iterable[Work]]
+    ) -> dict[str, PredictedEnd]:
         """Place and time of the end of running tasks that are about to end."""
         found = {}
         for name, member in members.items():

@@ -43,7 +43,7 @@ def record(name: str, state: TaskState = TaskState.QUEUED, robot: str = "") -> T
 def inputs(records=("t1",), members=None, pauses=(("t1", "r2"),), area_m2: float = AREA_M2) -> PlanInputs:
     """Of a plan for r1 and the task t1, which r2 refused, unless stated otherwise."""
     records = [record(one) if isinstance(one, str) else one for one in records]
-    return PlanInputs(records, {"r1": member()} if members is None else members, pauses, area_m2)
+    return PlanInputs(records, {"r1": member()} if members is None else members, dict.fromkeys(pauses), area_m2)
 
 
 def cause(before: PlanInputs, *, left_out: int = 0, **now) -> str:
