@@ -312,22 +312,11 @@ WAITING_MAX = 64
 class RosRequest(Generic[Q, R]):
     """A request that waits for its response; see `Request`. Dropping it without a word ends the query as well."""
 
-    def __init__(
-        self,
-        query: zenoh.Query,
-        key: str,
-        sender: Attachment,
-        request: Q,
-        response: MessageType[R],
-        now_ns: Callable[[], int],
-    ) -> None:
+    def __init__(self, server: RosServer[Q, R], query: zenoh.Query, sender: Attachment, request: Q) -> None:
         self.request = request
         self.sender = sender
         """Client's gid, the number of its request, and when it was sent."""
-        self._query = query
-        self._key = key
-        self._response = response
-        self._now_ns = now_ns
+        self._server, self._query = server, query
 
     def reply(self, response: R) -> None:
         """See `Request`.
@@ -336,10 +325,10 @@ class RosRequest(Generic[Q, R]):
             BadCdr: it cannot be encoded; the query is still open.
 
         """
-        payload = self._response.encode(response)
-        attachment = Attachment(self.sender.number, self._now_ns(), self.sender.gid)
+        payload = self._server.kind.response.encode(response)
+        attachment = Attachment(self.sender.number, self._server.now_ns(), self.sender.gid)
         with suppress(zenoh.ZError), self._query:  # the client or the session may be gone
-            self._query.reply(self._key, payload, attachment=attachment.pack())
+            self._query.reply(self._server.entity.key, payload, attachment=attachment.pack())
 
     def refuse(self, why: str) -> None:
         """See `Request`."""
@@ -365,13 +354,11 @@ class RosServer(Generic[Q, R]):
         self.refused = 0
         self.on_arrival: Callable[[], None] | None = None
         """Called on Zenoh's thread after each request."""
-        self._kind = kind
-        self._now_ns = now_ns
-        self._key = entity.key
+        self.kind, self.now_ns = kind, now_ns
         self._waiting: deque[zenoh.Query] = deque()
         self._lock = threading.Lock()
         callback: Any = zenoh.handlers.Callback(self._receive_request, indirect=False)
-        self._queryable: Any = session.declare_queryable(self._key, callback, complete=True)
+        self._queryable: Any = session.declare_queryable(entity.key, callback, complete=True)
         self._token: Any = session.liveliness().declare_token(entity.token)
 
     def requests(self) -> list[RosRequest[Q, R]]:
@@ -382,12 +369,12 @@ class RosServer(Generic[Q, R]):
         for query in waiting:
             try:
                 sender = Attachment.unpack(query.attachment.to_bytes() if query.attachment is not None else b"")
-                request = self._kind.request.decode(query.payload.to_bytes() if query.payload is not None else b"")
+                request = self.kind.request.decode(query.payload.to_bytes() if query.payload is not None else b"")
             except (BadAttachment, BadCdr) as error:
                 self.refused += 1
                 _refuse(query, str(error))
                 continue
-            found.append(RosRequest(query, self._key, sender, request, self._kind.response, self._now_ns))
+            found.append(RosRequest(self, query, sender, request))
         return found
 
     def close(self) -> None:
@@ -405,9 +392,9 @@ class RosServer(Generic[Q, R]):
 
     def _receive_request(self, query: zenoh.Query) -> None:
         size = len(query.payload) if query.payload is not None else 0
-        if size > self._kind.request.max_bytes:
+        if size > self.kind.request.max_bytes:
             self.refused += 1
-            _refuse(query, f"{size} bytes: expected at most {self._kind.request.max_bytes}")
+            _refuse(query, f"{size} bytes: expected at most {self.kind.request.max_bytes}")
             return
         with self._lock:
             is_full = len(self._waiting) >= WAITING_MAX
