@@ -21,8 +21,6 @@ import struct
 from collections.abc import Sequence
 from functools import cache
 
-import msgspec
-
 from robrain.protocol.serial.points import LineCounts, Piece, Point
 
 HEADER = b"\x54\x2c"
@@ -41,8 +39,6 @@ class Ld19Decoder:
 
     def __init__(self) -> None:
         self.counts = LineCounts()
-        self.speed_deg_s = 0
-        """Of the last packet."""
         self._left = b""
         self._last_cdeg: float | None = None
 
@@ -72,13 +68,7 @@ class Ld19Decoder:
             packets += 1
             pieces += self._read_packet(packet)
         self._left = data[begin:]
-        before = self.counts
-        self.counts = msgspec.structs.replace(
-            before,
-            packets=before.packets + packets,
-            bad_checksums=before.bad_checksums + bad,
-            stray_bytes=before.stray_bytes + stray,
-        )
+        self.counts = self.counts.plus(packets, stray, bad)
         return pieces
 
     def ask_again(self) -> None:
@@ -89,7 +79,7 @@ class Ld19Decoder:
         return b""
 
     def _read_packet(self, packet: bytes) -> list[Piece]:
-        _, self.speed_deg_s, first, *values, last, _stamp, _crc = _LAYOUT.unpack(packet)
+        _, _speed_deg_s, first, *values, last, _stamp, _crc = _LAYOUT.unpack(packet)
         span = (last - first) % FULL_CDEG
         if first >= FULL_CDEG or last >= FULL_CDEG or span > SPAN_MAX_CDEG:
             return []

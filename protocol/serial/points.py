@@ -30,6 +30,10 @@ class LineCounts(msgspec.Struct, frozen=True):
     stray_bytes: int = 0
     """Bytes that belong to no packet."""
 
+    def plus(self, packets: int, stray_bytes: int, bad_checksums: int = 0) -> "LineCounts":
+        """The counters after further input."""
+        return LineCounts(self.packets + packets, self.bad_checksums + bad_checksums, self.stray_bytes + stray_bytes)
+
 
 class LidarDecoder(Protocol):
     """Bytes in, points out."""

@@ -16,8 +16,6 @@ import math
 import struct
 from collections.abc import Sequence
 
-import msgspec
-
 from robrain.protocol.serial.points import LineCounts, Piece, Point
 
 """Of the A1 and A2M8; the A2M12 and A3 have 256,000."""
@@ -79,10 +77,7 @@ class RplidarDecoder:
             begin, skipped = _resynchronised(data, begin, BELIEVED_NODES)
             stray += skipped
         self._left = data[begin:]
-        before = self.counts
-        self.counts = msgspec.structs.replace(
-            before, packets=before.packets + packets, stray_bytes=before.stray_bytes + stray
-        )
+        self.counts = self.counts.plus(packets, stray)
         return [*pieces, Piece(points, False)] if points else pieces
 
 

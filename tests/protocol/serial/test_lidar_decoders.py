@@ -26,11 +26,10 @@ def points_in(pieces: list[Piece]) -> list[tuple[float, float]]:
     return [(point.angle_rad, point.range_m) for piece in pieces for point in piece.points]
 
 
-def test_packet_of_the_manual_has_its_speed_angles_and_distances() -> None:
+def test_packet_of_the_manual_has_its_angles_and_distances() -> None:
     decoder = Ld19Decoder()
     (piece,) = decoder.feed(MANUAL)
     assert len(MANUAL) == PACKET_BYTES
-    assert decoder.speed_deg_s == 2152
     assert len(piece.points) == 12
     assert math.degrees(piece.points[0].angle_rad) == pytest.approx(-324.27)
     assert math.degrees(piece.points[-1].angle_rad) == pytest.approx(-334.7)
