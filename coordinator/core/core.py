@@ -16,7 +16,7 @@ from robrain.coordinator.planning.planning import Planning
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.task_explanation import TaskExplainer
 from robrain.coordinator.planning.task_requests import TaskRequests
-from robrain.coordinator.tasks.task_book import TaskBook
+from robrain.coordinator.tasks.task_book import NS_PER_MS, TaskBook
 from robrain.coordinator.tasks.task_lifecycle import TaskLifecycle
 from robrain.coordinator.team.capabilities import Capabilities
 from robrain.coordinator.team.halts import TeamHalts
@@ -252,9 +252,6 @@ class Parts:
         """A robot has refused one of the coordinator's own tasks."""
         for part in self.overriding["task_refused"]:
             part.task_refused(record, robot, refusal, now_ns)
-
-
-NS_PER_MS = 1_000_000
 
 
 class Core:

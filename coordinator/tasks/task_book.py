@@ -17,7 +17,7 @@ from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.messages.team.standing_messages import JournalAlarm
 from robrain.protocol.model.ranges import cut
-from robrain.protocol.model.tasks.task import MEMBER_PREFIX, Task, TaskState
+from robrain.protocol.model.tasks.task import ENDED, MEMBER_PREFIX, Task, TaskState
 from robrain.protocol.reasons import Refused, RobotOut, TaskReason, plain, reason_from, sentence_of
 
 ATTEMPTS = 3
@@ -26,14 +26,13 @@ ATTEMPTS = 3
 KEPT_ENDED = 1000
 """Ended tasks kept in memory; older ones are read from the journal."""
 
-_ENDS = frozenset({TaskState.DONE, TaskState.FAILED, TaskState.CANCELLED})
 LEGAL: dict[TaskState | None, frozenset[TaskState]] = {
     None: frozenset({TaskState.QUEUED}),
     # A task may be published again with another reason or as changed; if an earlier robot finished it, it is done.
-    TaskState.QUEUED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED},
-    TaskState.OFFERED: _ENDS | {TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING},
-    TaskState.RUNNING: _ENDS | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
-    TaskState.LOST_CONTACT: _ENDS | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
+    TaskState.QUEUED: ENDED | {TaskState.QUEUED, TaskState.OFFERED},
+    TaskState.OFFERED: ENDED | {TaskState.QUEUED, TaskState.OFFERED, TaskState.RUNNING},
+    TaskState.RUNNING: ENDED | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
+    TaskState.LOST_CONTACT: ENDED | {TaskState.QUEUED, TaskState.RUNNING, TaskState.LOST_CONTACT},
     TaskState.DONE: frozenset(),
     TaskState.FAILED: frozenset(),
     TaskState.CANCELLED: frozenset(),
