@@ -135,17 +135,17 @@ def vouch_request(query: Query[Any, Any], key: str, asked: Any, asker: Member, r
     return in_own_name(query, asked, asker)
 
 
-def message_in_own_name(topic: Topic[Any], message: Any, member: Member) -> Any:
-    """A message as a member may send it.
+def message_in_own_name(row: Topic[Any] | Query[Any, Any], message: Any, member: Member) -> Any:
+    """A message or request as a member may send it.
 
     Raises:
         CallError: it may not; the router would drop it in silence.
 
     """
-    why = refusal_of(AccessAction.PUT, topic, member)
+    why = refusal_of(AccessAction.PUT if isinstance(row, Topic) else AccessAction.ASK, row, member)
     if why:
         raise CallError(ErrorCode.FORBIDDEN, why)
-    return in_own_name(topic, message, member)
+    return in_own_name(row, message, member)
 
 
 def in_own_name(row: Topic[Any] | Query[Any, Any], message: Any, member: Member) -> Any:
@@ -196,8 +196,5 @@ class Signing:
 
         """
         if self._member is not None and is_signed(topic):
-            why = refusal_of(AccessAction.ASK, topic, self._member)
-            if why:
-                raise CallError(ErrorCode.FORBIDDEN, why)
-            request = in_own_name(topic, request, self._member)
+            request = message_in_own_name(topic, request, self._member)
         return None if request is None else topic.requests.write(request)
