@@ -1,6 +1,6 @@
 """Sends robots to charge, by tasks of the coordinator's own, following the schedule of the chargers.
 
-It also predicts the state of charging robots after the charge, for the planner, and ends a charge early when there is
+It also predicts the state of charging robots after the charge, for the planner. It ends a charge early when there is
 enough for the tasks that wait for it.
 """
 

@@ -252,20 +252,23 @@ class ZenohBus(can.BusABC):
             got = f"{msg.arbitration_id:#x}"
             raise can.CanOperationError(f"{self.channel_info}: expected an identifier of 29 bits, got {got}")
         identifier = flagged_identifier(msg)
+        stamp_ns = self._now_ns() if self._now_ns is not None else 0
         if msg.is_fd:
-            self._put(self._pack_fd(msg, self._now_ns() if self._now_ns is not None else 0, identifier))
+            payload = self._pack_fd(msg, stamp_ns, identifier)
         else:
             # A remote frame requests `dlc` bytes and carries none; zeros encode that length.
-            self.send_data(identifier, bytes(msg.dlc) if msg.is_remote_frame else msg.data)
+            data = bytes(msg.dlc) if msg.is_remote_frame else msg.data
+            payload = HEADER.pack(self._node, stamp_ns, identifier) + data
+            if len(payload) > CLASSIC_BYTES:
+                raise self._too_long(data)
+        self._put(payload)
 
-    def send_data(self, identifier: int, data: bytes | bytearray) -> None:
-        """As `send`, for a classic frame; an identifier of more than 11 bits, or not of data, has its flags."""
+    def send_data(self, identifier: int, data: bytes) -> None:
+        """As `send`, for a classic data frame with an identifier of 11 bits."""
         stamp_ns = self._now_ns() if self._now_ns is not None else 0
         payload = HEADER.pack(self._node, stamp_ns, identifier) + data
         if len(payload) > CLASSIC_BYTES:
-            raise can.CanOperationError(
-                f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
-            )
+            raise self._too_long(data)
         self._put(payload)
 
     def _put(self, payload: bytes) -> None:
@@ -391,6 +394,11 @@ class ZenohBus(can.BusABC):
         if payload[NODE] == self._node_bytes:  # only with `receive_own_messages`
             message.is_rx = False
         return message
+
+    def _too_long(self, data: bytes | bytearray) -> can.CanOperationError:
+        return can.CanOperationError(
+            f"{self.channel_info}: a classic frame has at most {CLASSIC_DATA_BYTES} bytes, got {len(data)}"
+        )
 
     def _shut_down(self) -> can.CanOperationError:
         return can.CanOperationError(f"{self.channel_info}: is shut down")

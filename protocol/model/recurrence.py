@@ -7,10 +7,10 @@ from zoneinfo import ZoneInfo
 
 from msgspec import Meta
 
-from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.ranges import Text
 
+NS_PER_S = 1_000_000_000
 STEPS = {"MINUTELY": timedelta(minutes=1), "HOURLY": timedelta(hours=1)}
 """Step of frequencies with many occurrences a day."""
 BACK = timedelta(days=8)

@@ -27,14 +27,6 @@ class BadPacket(ValueError):
     """Bytes that are no packet, or values that no packet holds; its text is one sentence for a person."""
 
 
-def packed(layout: struct.Struct, expected: str, whole: object, *values: int | bytes) -> bytes:
-    """The bytes of values (BadPacket if one does not fit its field, which names `expected` and the whole)."""
-    try:
-        return layout.pack(*values)
-    except struct.error as error:
-        raise BadPacket(f"expected {expected}, got {whole}: {error}") from error
-
-
 class ActiveMessage(msgspec.Struct, frozen=True, kw_only=True):
     """One packet; `type` defines its payload."""
 
@@ -53,9 +45,12 @@ class ActiveMessage(msgspec.Struct, frozen=True, kw_only=True):
         """
         if len(self.payload) > MAX_PAYLOAD_BYTES:
             raise BadPacket(f"expected a payload of at most {MAX_PAYLOAD_BYTES} bytes, got {len(self.payload)}")
-        fields = self.destination, self.source, len(self.payload), self.group, self.type
-        expected = "addresses of 16 bits, group and type of 8"
-        return packed(_HEADER, expected, self, AM_DISPATCH, *fields) + self.payload
+        length = len(self.payload)
+        try:
+            header = _HEADER.pack(AM_DISPATCH, self.destination, self.source, length, self.group, self.type)
+        except struct.error as error:
+            raise BadPacket(f"expected addresses of 16 bits, group and type of 8, got {self}: {error}") from error
+        return header + self.payload
 
     @classmethod
     def unpack(cls, packet: bytes) -> "ActiveMessage":

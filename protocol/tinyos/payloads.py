@@ -22,7 +22,7 @@ from typing import ClassVar, Self
 
 import msgspec
 
-from robrain.protocol.tinyos.packet import MAX_PAYLOAD_BYTES, BadPacket, packed
+from robrain.protocol.tinyos.packet import MAX_PAYLOAD_BYTES, BadPacket
 
 READING_TYPE = 0x52
 STORED_TYPE = 0x53
@@ -88,7 +88,10 @@ class Payload(msgspec.Struct, frozen=True):
             BadPacket: a value does not fit its field.
 
         """
-        return packed(self.LAYOUT, self.EXPECTED, self, *msgspec.structs.astuple(self))
+        try:
+            return self.LAYOUT.pack(*msgspec.structs.astuple(self))
+        except struct.error as error:
+            raise BadPacket(f"expected {self.EXPECTED}, got {self}: {error}") from error
 
     @classmethod
     def unpack(cls, payload: bytes) -> Self:
@@ -228,7 +231,10 @@ class BeaconPayload(msgspec.Struct, frozen=True):
         name = self.robot.encode()
         if not 1 <= len(name) <= MAX_NAME_BYTES:
             raise BadPacket(f"expected a robot's name of 1 to {MAX_NAME_BYTES} bytes, got {self.robot!r}")
-        ends = packed(_ENDS, "a sequence number of 16 bits and dBm of 8", self, self.sequence, self.rssi_dbm)
+        try:
+            ends = _ENDS.pack(self.sequence, self.rssi_dbm)
+        except struct.error as error:
+            raise BadPacket(f"expected a sequence number of 16 bits and dBm of 8, got {self}: {error}") from error
         return ends[:2] + name + ends[2:]
 
     @classmethod
@@ -283,9 +289,11 @@ class RoutedPayload(msgspec.Struct, frozen=True):
             raise BadPacket(
                 f"expected a route of 1 to {ROUTE_MAX} motes and a payload of 1 to {INNER_MAX_BYTES} bytes, got {self}"
             )
-        layout = struct.Struct(f"{_HEAD.format}{len(self.route)}H")
-        expected = "motes of 16 bits, type and serial of 8"
-        return packed(layout, expected, self, self.kind, self.serial, len(self.route), *self.route) + self.inner
+        try:
+            head = _HEAD.pack(self.kind, self.serial, len(self.route))
+            return head + struct.pack(f">{len(self.route)}H", *self.route) + self.inner
+        except struct.error as error:
+            raise BadPacket(f"expected motes of 16 bits, type and serial of 8, got {self}: {error}") from error
 
     @classmethod
     def unpack(cls, payload: bytes) -> "RoutedPayload":
@@ -330,8 +338,11 @@ class ForwardedPayload(msgspec.Struct, frozen=True):
             BadPacket: a value does not fit its field.
 
         """
-        reading, expected = self.reading.pack(), f"a number of 16 bits and hops up to {HOPS_MAX}"
-        return reading[:-1] + packed(_ROUTE, expected, self, self.forwarder, self.hops) + reading[-1:]
+        reading = self.reading.pack()
+        try:
+            return reading[:-1] + _ROUTE.pack(self.forwarder, self.hops) + reading[-1:]
+        except struct.error as error:
+            raise BadPacket(f"expected a number of 16 bits and hops up to {HOPS_MAX}, got {self}: {error}") from error
 
     @classmethod
     def unpack(cls, payload: bytes) -> "ForwardedPayload":
