@@ -129,5 +129,8 @@ def test_all_kernels_of_a_plan_are_compiled_before_the_run():
 
 
 def test_pair_whose_delivery_ends_before_its_pickup_may_begin_is_no_error():
-    late = [job("get", 1, earliest_s=9.0, load_kg=2.0), job("put", 2, latest_s=5.0, load_kg=-2.0, same_worker_as="get")]
+    late = [
+        job("get", 1, earliest_s=9.0, load_kg=2.0),
+        job("put", 2, latest_s=5.0, load_kg=-2.0, after=("get",), same_worker_as="get"),
+    ]
     model_of(line(late, [worker("r1", capacity_kg=3.0)]))
