@@ -317,11 +317,6 @@ class _Straight(Mailbox):
         return True
 
 
-def _die_first() -> None:
-    """If the machine runs out of memory, this process is to go, not the robot's."""
-    Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-
-
 def main() -> None:
     """Run a plugin; the arguments are its name and four file descriptors."""
     name = sys.argv[1]
@@ -329,7 +324,8 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C in the terminal reaches the parent, which ends this one
     faulthandler.enable()
     end_with_parent(lifeline)
-    _die_first()
+    # If the machine runs out of memory, this process is to go, not the robot's.
+    Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
     PluginChild(name, *(socket.socket(fileno=number) for number in (calls, halts, asides))).run()
     os._exit(0)  # threads that the plugin has started do not hold up the end
 

@@ -290,13 +290,11 @@ _offered_by: "WeakKeyDictionary[type, set[str]]" = WeakKeyDictionary()
 def _offered(interface: type) -> set[str]:
     found = _offered_by.get(interface)
     if found is None:
-        found = _offered_by[interface] = _names_in(interface)
+        # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
+        found = _offered_by[interface] = {
+            name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))
+        }
     return found
-
-
-def _names_in(interface: type) -> set[str]:
-    # Not hasattr(): a Protocol's own class has `register` and `mro`, which the interface does not offer.
-    return {name for base in interface.__mro__ for name in (*vars(base), *vars(base).get("__annotations__", ()))}
 
 
 def call_from_outside(

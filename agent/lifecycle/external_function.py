@@ -142,7 +142,10 @@ class Signature:
             text = str(error).replace(" - at `$.", " for argument `")
             raise self._bad(text) from error
         arguments = {name: getattr(struct, name) for name in self.hints}
-        converted = sum(_is_plain(value) and type(arguments[name]) is not type(value) for name, value in given.items())
+        converted = sum(
+            isinstance(value, (int, float, str)) and type(arguments[name]) is not type(value)
+            for name, value in given.items()
+        )
         return Fit(arguments, converted, len(self.hints) - len(given))
 
     def fit_text(self, words: list[str]) -> Fit:
@@ -316,10 +319,6 @@ def type_word(hint: Any) -> str:
         return "_".join([type_word(origin), *(type_word(one) for one in arguments if one is not ...)])
     word = TYPE_WORDS.get(hint) or str(getattr(hint, "__name__", hint))
     return re.sub(r"[^A-Za-z0-9_]", "_", word)
-
-
-def _is_plain(value: Any) -> bool:
-    return isinstance(value, (int, float, str))
 
 
 def _is_guessed(text: str, value: Any) -> bool:

@@ -130,7 +130,7 @@ class Planner(Skill):
         keeps_right: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints from start to as near to goal as the robot can stand."""
-        grid, out = self._navigation(view, is_narrow=is_narrow), self.leave_zone(view, start)
+        grid, out = self.grid(view, is_narrow=is_narrow), self.leave_zone(view, start)
         begin, snap_m = out[-1] if out else start, self.parameters.snap_m
         path = grid.path(begin, goal, snap_m=snap_m, avoid=avoid, dear=dear, keeps_right=keeps_right)
         return None if path is None else out + path
@@ -156,7 +156,7 @@ class Planner(Skill):
         if begin is None:
             return []
         costs = distance_field(seen.without(avoid), seen.cost, np.array([begin], np.int64))
-        is_out = self._navigation(view).traversable
+        is_out = self.grid(view).traversable
         if to_rest:
             is_out = is_out & ~zones.no_rest
         if area is not None:
@@ -181,7 +181,7 @@ class Planner(Skill):
         is_narrow: bool = False,
     ) -> list[Point2D] | None:
         """Waypoints to the nearest place clear of all tracks with right of way."""
-        grid = self._navigation(view, is_narrow=is_narrow)
+        grid = self.grid(view, is_narrow=is_narrow)
         cell = grid.snap(start, self.parameters.snap_m)
         if cell is None:
             return None
@@ -194,27 +194,24 @@ class Planner(Skill):
     def is_narrow(self, view: MapCells, place: Point2D) -> bool:
         """Whether a place, and all within one cell of it, has less than the preferred clearance but room to squeeze."""
         near_m = view.geometry.resolution_m
-        if self._navigation(view).snap(place, near_m) is not None:
+        if self.grid(view).snap(place, near_m) is not None:
             return False
-        return self._navigation(view, is_narrow=True).snap(place, near_m) is not None  # or it is unknown or closed
+        return self.grid(view, is_narrow=True).snap(place, near_m) is not None  # or it is unknown or closed
 
     def standpoint(self, view: MapCells, place: Point2D, within_m: float, *, is_narrow: bool = False) -> Point2D | None:
         """The nearest point, within `within_m`, from which the robot can see a place; None if there is none."""
-        grid = self._navigation(view, is_narrow=is_narrow)
+        grid = self.grid(view, is_narrow=is_narrow)
         reach = round(within_m / grid.geometry.resolution_m)
         cell = standpoint(view.classes, grid.traversable, grid.geometry.cell_of(place.x_m, place.y_m), reach)
         return None if cell is None else grid.geometry.center_of(*cell)
 
     def safe_positions(self, view: MapCells, positions: Floats, *, is_narrow: bool = False) -> int:
         """Number of `positions` (N, 2) on a path before the first that is too near to a known obstacle."""
-        grid, _ = self._grids.get(is_narrow) or (self._navigation(view, is_narrow=is_narrow), 0)
+        grid, _ = self._grids.get(is_narrow) or (self.grid(view, is_narrow=is_narrow), 0)
         return grid.clear_positions(view.classes, positions)
 
-    def grid(self, view: MapCells) -> NavigationGrid:
-        """Where the robot can stand with its preferred clearance, and what paths cost there."""
-        return self._navigation(view)
-
-    def _navigation(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
+    def grid(self, view: MapCells, *, is_narrow: bool = False) -> NavigationGrid:
+        """Where the robot can stand with its preferred clearance, or in narrow places, and what paths cost there."""
         grid, version = self._grids.get(is_narrow, (None, 0))
         if grid is None or grid.geometry != view.geometry or grid.zones is not view.zones:
             grid = self._make(view, view.classes, is_narrow=is_narrow, zones=view.zones)

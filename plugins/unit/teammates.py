@@ -419,7 +419,10 @@ class Teammates(Unit):
         if not wanted and not self._own:
             return {}
         now_ns, robot = self._receive(), self.env.robot
-        self._own = {area.names: self._own.get(area.names) or _request(robot, area, now_ns) for area, _ in wanted}
+        self._own = {
+            area.names: self._own.get(area.names) or Reservation(robot=robot, zones=area.names, since_ns=now_ns)
+            for area, _ in wanted
+        }
         waits = dict[ZoneNames, list[str]]()
         others = self._requests(now_ns)
         for area, is_there in wanted:
@@ -497,7 +500,3 @@ class Teammates(Unit):
         now_ns = self.env.clock.now_ns()
         receive_paths(paths, now_ns)
         receive_states(states, now_ns)
-
-
-def _request(robot: str, area: ReservedArea, now_ns: int) -> Reservation:
-    return Reservation(robot=robot, zones=area.names, since_ns=now_ns)

@@ -95,7 +95,8 @@ class ClosureFinder:
     def candidate(self, sensor: Pose2D) -> SubmapKey | None:
         """The submap to try next from this pose of the sensor, arena frame; None if there is none."""
         best, best_at = None, math.inf
-        recent = self._recent()
+        # The current submap and the one before: localisation matches scans against them already.
+        recent = {(self._robot, number) for number in list(self._graph.own)[-2:]}
         for key, submap in self._atlas.submaps.items():
             if key in recent or submap.frame != self._atlas.frame:
                 continue
@@ -214,10 +215,6 @@ class ClosureFinder:
             x_m2, y_m2, yaw_rad2 = own.covariance.diagonal().tolist()
             return x_m2, y_m2, yaw_rad2
         return self._variances.get(key, UNSAID)
-
-    def _recent(self) -> set[SubmapKey]:
-        """The current submap and the one before: localisation matches scans against them already."""
-        return {(self._robot, number) for number in list(self._graph.own)[-2:]}
 
     def _is_inside(self, key: SubmapKey, place: Pose2D) -> bool:
         submap, geometry = self._atlas.submaps[key], self._atlas.grid.geometry
