@@ -220,7 +220,6 @@ class SerialImu(ImuDevice):
     def init(self) -> None:
         wanted = self.parameters
         self._line: SerialLine | None = None
-        self._codec = self._new_codec()
         self._period_ns = to_ns(1.0 / wanted.rate_hz)
         self.mounting = Mounting(
             upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad, yaw_sign=wanted.yaw_sign
@@ -233,7 +232,8 @@ class SerialImu(ImuDevice):
             self._line = self.env.open_serial(wanted.port, wanted.baud)
         except HardwareAbsent as error:
             raise ImuAbsent(f"no IMU at {wanted.port}: {error}") from error
-        self._codec = self._new_codec()
+        is_text = wanted.protocol is ImuProtocol.LINES
+        self._codec: ImuCodec = ImuLineCodec(wanted.lines) if is_text else WitMotionCodec()
         self.env.board.gyro_contradiction = None
         self._silence = Silence(to_ns(wanted.silent_s))
         self._opened_ns = self._received_ns = self.env.clock.now_ns()
@@ -274,10 +274,6 @@ class SerialImu(ImuDevice):
         """Measurements taken and rejected, and bytes that belong to none."""
         codec = self._codec
         return ImuCounters(self._samples, codec.rejected + self._beyond, codec.stray_bytes)
-
-    def _new_codec(self) -> ImuCodec:
-        wanted = self.parameters
-        return ImuLineCodec(wanted.lines) if wanted.protocol is ImuProtocol.LINES else WitMotionCodec()
 
     def _is_possible(self, motion: ImuMotion) -> bool:
         is_possible = abs(motion.yaw_rate_rad_s) <= RATE_MAX_RAD_S

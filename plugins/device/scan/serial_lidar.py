@@ -1,6 +1,6 @@
 """A lidar on a serial line: LD06, LD19 and RPLIDAR differ by their decoder."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -50,19 +50,16 @@ class SerialLidar(LidarDevice):
         mount: Mount = Mount()
         """Place and direction of the lidar on the robot."""
 
+    decoder: ClassVar[type[LidarDecoder]]
+    """Decodes the bytes of this kind of lidar."""
     period_s = POLL_S
     parameters: Parameters
     has_dtr = True
     """Whether DTR is set while the line is open."""
 
-    def decoder(self) -> LidarDecoder:
-        """A decoder for the bytes of this kind of lidar."""
-        raise NotImplementedError
-
     def init(self) -> None:
         super().init()
         self._line: SerialLine | None = None
-        self._decoder = self.decoder()
         self._dropped = 0
 
     def begin(self) -> None:
@@ -179,14 +176,11 @@ class SerialLidar(LidarDevice):
 class Ld19(SerialLidar):
     """Passes on each turn of LDROBOT's LD06 and LD19."""
 
-    def decoder(self) -> LidarDecoder:
-        return Ld19Decoder()
+    decoder = Ld19Decoder
 
 
 class Rplidar(SerialLidar):
     """Passes on each turn of Slamtec's RPLIDAR A-series."""
 
     has_dtr = False  # it stops the motor of an A1
-
-    def decoder(self) -> LidarDecoder:
-        return RplidarDecoder()
+    decoder = RplidarDecoder
