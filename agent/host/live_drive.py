@@ -13,6 +13,7 @@ from functools import partial
 from robrain.agent.errors import FOREIGN_ERRORS, PluginError
 from robrain.agent.host.agent_host import AgentHost
 from robrain.agent.lifecycle.managed_plugin import ManagedPlugin
+from robrain.agent.lifecycle.turn import PluginLock
 from robrain.protocol.workers import OwnedThread, close_threads
 
 HOST_PERIOD_S = 0.02
@@ -27,7 +28,7 @@ class DrivenPlugin:
     """One plugin as the threads see it.
 
     Args:
-        plugin: the plugin, in the generation that it has now.
+        plugin: the plugin, with the lock that it has now.
 
     """
 
@@ -81,7 +82,8 @@ class PluginThreads:
 
     def __init__(self, host: AgentHost) -> None:
         self._host = host
-        self._members: dict[tuple[str, int, int], DrivenPlugin] = {}
+        self._members: dict[PluginLock, DrivenPlugin] = {}
+        """By the plugin's lock: one that is abandoned with a stuck caller gets another."""
         self._changed = threading.Condition()
         self._threads: list[OwnedThread] = []
         self._alive = 0
@@ -93,8 +95,7 @@ class PluginThreads:
 
     def follow(self) -> None:
         """Add new plugins, release those that have gone."""
-        plugins = self._host.manager.plugins.values()
-        wanted = {(plugin.name, id(plugin), plugin.generation): plugin for plugin in plugins}
+        wanted = {plugin.turn: plugin for plugin in self._host.manager.plugins.values()}
         if wanted.keys() == self._members.keys():
             return
         with self._changed:

@@ -499,11 +499,11 @@ class PluginManager:
 
 def _halt_again(plugin: ManagedPlugin, registry: PluginRegistry) -> None:
     """Once more, after the last caller has left the plugin: its last actions may have undone the halt."""
-    turn, generation = plugin.turn, plugin.generation
+    turn = plugin.turn
     if not turn.acquire(plugin.manifest.tag.hang_s):
         return  # it hangs, and is faulted for it
     turn.release()
-    if plugin.state is PluginState.HALTED and plugin.generation == generation:
+    if plugin.state is PluginState.HALTED and plugin.turn is turn:
         plugin.halt()
         if not registry.halted:  # it was resumed at this very moment
             plugin.apply(Trigger.RESUME)

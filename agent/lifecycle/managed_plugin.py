@@ -77,12 +77,10 @@ class ManagedPlugin:
         """Where the plugin's code raised the error that has led to the state."""
         self._context = context
         self.turn = self._new_turn()
-        """The plugin's lock."""
+        """The plugin's lock; another one after an instance was abandoned with a stuck caller."""
         self.exclusive = ExclusiveUse(self.name, context.clock)
         """The plugin's exclusive use, if it is not shared."""
         self.overruns = self.restarts = 0
-        self.generation = 0
-        """Grows when an instance is abandoned with a stuck caller."""
         self.period_ns = 0
         """How often the plugin wants its step; 0 if it is passive."""
         self.due_ns = NEVER_NS
@@ -262,7 +260,6 @@ class ManagedPlugin:
             end_thread(self._stuck)
         self.leave_new()
         instance, self.instance, self.callable = self.instance, None, None
-        self.generation += 1
         self.turn = self._new_turn()
         if instance is not None:
             instance.environment.abandon()
