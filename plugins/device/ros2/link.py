@@ -12,9 +12,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Annotated, Any, Generic, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, NamedTuple, TypeVar
 
-import msgspec
 import rclpy
 import rclpy.context
 import rclpy.executors
@@ -41,10 +40,17 @@ class Ros2Parameters(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
     domain_id: Annotated[int, Meta(ge=0, le=DOMAIN_MAX)] | None = None
     """ROS domain; absent: `$ROS_DOMAIN_ID`, otherwise 0."""
 
+    topics: ClassVar[tuple[str, ...]] = ()
+    """The parameters that are names of topics."""
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if not _NAMESPACE.fullmatch(self.namespace):
             raise ValueError(f"expected namespace as in /r7, got {self.namespace!r}")
+        for name in self.topics:
+            topic = getattr(self, name)
+            if not _TOPIC.fullmatch(topic):
+                raise ValueError(f"expected {name} to be a topic such as odom or /odom, got {topic!r}")
 
     def topic(self, name: str) -> str:
         """The full name of a topic.
@@ -56,14 +62,6 @@ class Ros2Parameters(Checked, frozen=True, kw_only=True, forbid_unknown_fields=T
             return name
         namespace = self.namespace.strip("/")
         return f"/{namespace}/{name}" if namespace else f"/{name}"
-
-
-def check_topics(parameters: msgspec.Struct, *names: str) -> None:
-    """Check that parameters are names of topics (ValueError)."""
-    for name in names:
-        topic = getattr(parameters, name)
-        if not _TOPIC.fullmatch(topic):
-            raise ValueError(f"expected {name} to be a topic such as odom or /odom, got {topic!r}")
 
 
 M = TypeVar("M")

@@ -25,7 +25,7 @@ from robrain.plugins.device.mocdevice.interface import (
     MocDeviceInterface,
 )
 from robrain.plugins.device.mocdevice.wheel_device import JUMP_SLACK, STILL, BaseDevice, BaseOdometry
-from robrain.plugins.device.ros2.link import Ros2Parameters, Ros2Publisher, check_topics
+from robrain.plugins.device.ros2.link import Ros2Parameters, Ros2Publisher
 from robrain.plugins.device.ros2.topic_device import BadMessage, TopicDevice, stamp_ns_of
 from robrain.protocol.clock import NS_PER_S, to_ns, to_seconds
 from robrain.protocol.model.geometry import Pose2D, Twist2D
@@ -233,9 +233,10 @@ class Ros2Base(TopicDevice, BaseDevice):
         silent_s: Positive = 0.5
         """Time without odometry after which the robot counts as gone."""
 
+        topics = ("cmd_vel", "odom")
+
         def __post_init__(self) -> None:
             super().__post_init__()
-            check_topics(self, "cmd_vel", "odom")
             if self.holonomic and self.turn_radius_min_m:
                 raise ValueError("expected turn_radius_min_m = 0 for a holonomic base")
 
@@ -255,7 +256,7 @@ class Ros2Base(TopicDevice, BaseDevice):
         start = board.T_odom_robot or Pose2D(0.0, 0.0, 0.0)
         self._odometry = ReportedPath(wanted.speed_m_s, wanted.turn_rate_rad_s, start, board.published_odometry)
         link = self.subscribe(Odometry, wanted.odom, read_odometry, _ignore)
-        self._pending = self._topic
+        self._pending = self._inbox
         if self._is_again and link.is_gone(wanted.topic(wanted.odom)):
             raise BusFault(self.env.plugin, f"no odometry: {self.silence_reason()}")
         self._publisher = link.publisher(
@@ -325,7 +326,7 @@ class Ros2Base(TopicDevice, BaseDevice):
         self._catch_up()
         link, topic = self._link, self.parameters.topic(self.parameters.cmd_vel)
         foreign = max(link.publishers(topic) - 1, 0) if link is not None else 0
-        dropped = self._topic.dropped if self._topic is not None else 0
+        dropped = self._inbox.dropped if self._inbox is not None else 0
         return Counters(self._believed, self.rejected(), foreign, dropped, self._jumps)
 
     def status(self) -> ControllerStatus | None:
@@ -362,7 +363,7 @@ class Ros2Base(TopicDevice, BaseDevice):
         publisher.publish(message)
 
     def _catch_up(self) -> None:
-        for reported, measured_ns, number in self._topic.receive() if self._topic is not None else ():
+        for reported, measured_ns, number in self.drain():
             if not self._odometry.follow(reported, measured_ns, number):
                 self._jumps += 1
             self._believed += 1

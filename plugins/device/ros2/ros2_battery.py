@@ -6,7 +6,7 @@ from typing import Any
 from sensor_msgs.msg import BatteryState
 
 from robrain.plugins.device.bm2.interface import BatteryDevice, Reading, plausible
-from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.link import Ros2Parameters
 from robrain.plugins.device.ros2.topic_device import TopicDevice, stamp_ns_of
 from robrain.protocol.model.ranges import Positive
 
@@ -52,9 +52,7 @@ class Ros2Battery(TopicDevice, BatteryDevice):
         gap_s: Positive = 5.0
         """A longer time between two measurements is not counted."""
 
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_topics(self, "battery")
+        topics = ("battery",)
 
     parameters: Parameters
 

@@ -8,7 +8,7 @@ from sensor_msgs.msg import Imu
 
 from robrain.agent.silence import FirstWord, Silence
 from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion, Mounting
-from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.link import Ros2Parameters
 from robrain.plugins.device.ros2.topic_device import BadMessage, TopicDevice, stamp_ns_of
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.ranges import Positive
@@ -55,9 +55,7 @@ class Ros2Imu(TopicDevice, ImuDevice):
         silent_s: Positive = 1.0
         """Time without a measurement, after the first, after which the unit counts as gone."""
 
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_topics(self, "imu")
+        topics = ("imu",)
 
     parameters: Parameters
 

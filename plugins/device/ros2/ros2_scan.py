@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta
 from sensor_msgs.msg import LaserScan as LaserScanMessage
 
-from robrain.plugins.device.ros2.link import Ros2Parameters, check_topics
+from robrain.plugins.device.ros2.link import Ros2Parameters
 from robrain.plugins.device.ros2.scan_reader import ScanReader
 from robrain.plugins.device.ros2.topic_device import TopicDevice
 from robrain.plugins.device.scan.interface import LaserScan
@@ -31,9 +31,10 @@ class Ros2Scan(TopicDevice, LidarDevice):
         silent_s: Positive = 1.0
         """Time without a turn after which the lidar faults."""
 
+        topics = ("scan",)
+
         def __post_init__(self) -> None:
             super().__post_init__()
-            check_topics(self, "scan")
             if not self.beams and (self.mount.x_m or self.mount.y_m):
                 raise ValueError("expected beams > 0 for a lidar that is not at the robot's centre, got 0")
 

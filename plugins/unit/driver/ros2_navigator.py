@@ -19,7 +19,7 @@ from robrain.agent.action import Action, Actions
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import external
 from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
-from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, check_topics, open_link
+from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, open_link
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise, OnBase
 from robrain.plugins.unit.driver.path import check_range
 from robrain.protocol.clock import NS_PER_S, to_ns
@@ -201,9 +201,7 @@ class Ros2Navigator(OnBase):
             sigma_m_per_sqrt_m=0.01, sigma_rad_per_sqrt_m=0.005, sigma_rad_per_sqrt_rad=0.01
         )
 
-        def __post_init__(self) -> None:
-            super().__post_init__()
-            check_topics(self, "action")
+        topics = ("action",)
 
     interface = DriverInterface
     period_s = 0.1  # and when a goal has ended
