@@ -32,7 +32,7 @@ from robrain.agent.manifest import Manifest
 from robrain.agent.plugin import Plugin
 from robrain.agent.plugin_traceback import Raised, raised_elsewhere
 from robrain.protocol.clock import LiveClock
-from robrain.protocol.workers import OwnedThread, WorkerProcess, how_it_ended
+from robrain.protocol.workers import KILLED_S, OwnedThread, WorkerProcess, how_it_ended
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ STDERR = 2
 OnLost = Callable[[str], None]
 
 
-class ChildProcess:
+class ChildProcess(WorkerProcess):
     """Starts the process of one plugin.
 
     Args:
@@ -74,45 +74,36 @@ class ChildProcess:
     """
 
     def __init__(self, plugin: str, serve: Serve, on_lost: "weakref.WeakMethod[OnLost]") -> None:
-        self._plugin = plugin
         self._on_lost = on_lost
         self._is_ending = False
-        self._group = WorkerProcess("robrain.agent.isolation.child", [plugin], sockets=3, stdout=STDERR)
-        self.calls, self.halts, self._asides = (Peer(one, plugin, serve) for one in self._group.sockets)
+        super().__init__("robrain.agent.isolation.child", [plugin], sockets=3, stdout=STDERR)
+        self.calls, self.halts, self._asides = (Peer(one, plugin, serve) for one in self.sockets)
         self._watcher = OwnedThread(f"isolated-{plugin}", self._watch)
 
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._group.pid
-
-    def end(self) -> None:
+    def end(self, timeout_s: float = END_TIMEOUT_S) -> None:
         """Let it end, or kill it if it does not; returns when it has gone. May be called again."""
         self._is_ending = True
         for peer in (self.calls, self.halts, self._asides):
             peer.hang_up()
-        self._group.ends_within(END_TIMEOUT_S)
+        self.ends_within(timeout_s)
         self.kill()
 
-    def kill(self) -> None:
+    def kill(self, timeout_s: float = KILLED_S) -> None:
         """End it at once."""
         self._is_ending = True
-        self._give_back()
+        self._give_back(timeout_s)
         self._watcher.close(END_TIMEOUT_S)
 
     def how_it_ended(self) -> str:
         """Why a connection was lost, in words; a process that has only hung up is killed."""
         self._is_ending = True
-        self._group.ends_within(END_TIMEOUT_S)
+        self.ends_within(END_TIMEOUT_S)
         self._give_back()
-        return self._status()
-
-    def _status(self) -> str:
-        status = self._group.status
+        status = self.status
         return how_it_ended(status) if status is not None else "has hung up"
 
-    def _give_back(self) -> None:
-        self._group.kill()
+    def _give_back(self, timeout_s: float = KILLED_S) -> None:
+        super().kill(timeout_s)
         self.calls.close()
         self.halts.close()
         self._asides.hang_up()

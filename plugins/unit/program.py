@@ -21,7 +21,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Literal, Protocol
 
@@ -45,15 +45,12 @@ STDERR_LINES_A_SECOND = 100
 """Lines that a program writes to stderr beyond this are counted, not logged."""
 
 
-class LineProcess:
+class LineProcess(ProcessGroup):
     """One run of a program.
 
     Args:
         plugin: whose it is, for the log.
-        command: program and arguments.
-        folder: where it runs; here if None.
-        environment: variables beside those of this process.
-        max_line_bytes: longer lines are skipped.
+        wanted: the program, and the limit of its lines.
         on_line: receives each line of the program, on a separate thread of the process; returns False to skip it.
 
     Raises:
@@ -61,33 +58,25 @@ class LineProcess:
 
     """
 
-    def __init__(
-        self,
-        plugin: str,
-        command: Sequence[str],
-        folder: Path | None,
-        environment: Mapping[str, str],
-        max_line_bytes: int,
-        on_line: Callable[[str], bool],
-    ) -> None:
+    def __init__(self, plugin: str, wanted: "Program.Parameters", on_line: Callable[[str], bool]) -> None:
         self.lines = 0
         self.skipped = 0
         self._plugin = plugin
-        self._max_line_bytes = max_line_bytes
+        self._max_line_bytes = wanted.max_line_bytes
         self._on_line = on_line
         self._stated: deque[str] = deque(maxlen=WAITING_LINES)
         self._change = threading.Condition()
         self.is_silent = False
         """Whether it has closed its output, so that no more lines come."""
-        self._group = ProcessGroup(
-            command,
+        super().__init__(
+            wanted.command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            folder=folder,
-            environment=environment,
+            folder=Path(wanted.folder),
+            environment=wanted.environment,
         )
-        process = self._group.process
+        process = self.process
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
@@ -97,16 +86,6 @@ class LineProcess:
             OwnedThread(f"stdout-{plugin}", self._read_stdout, process.stdout),
             OwnedThread(f"stderr-{plugin}", self._read_stderr, process.stderr),
         ]
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._group.pid
-
-    @property
-    def status(self) -> int | None:
-        """None while it runs, otherwise as in subprocess."""
-        return self._group.status
 
     def write(self, line: str, limit_s: float) -> bool:
         """Send it a line; False if it does not accept the line in time.
@@ -135,20 +114,12 @@ class LineProcess:
             self._change.wait_for(lambda: bool(self._stated) or self.is_silent, limit_s)
             return self._stated.popleft() if self._stated else None
 
-    def end(self) -> None:
+    def end(self, timeout_s: float = END_TIMEOUT_S) -> None:
         """Terminate it and its child processes, and release all resources."""
-        self._group.ask_to_end()
-        self._group.end(END_TIMEOUT_S)
+        self.ask_to_end()
+        super().end(timeout_s)
         # Something that left the group may hold the other end open: its thread is abandoned, and closes then.
-        close_threads(self._threads, END_TIMEOUT_S)
-
-    def ends_within(self, timeout_s: float) -> bool:
-        """Whether it has ended by then."""
-        return self._group.ends_within(timeout_s)
-
-    def kill(self) -> None:
-        """End it at once, with all that it has started."""
-        self._group.kill()
+        close_threads(self._threads, timeout_s)
 
     def _read_stdout(self, stream: IO[bytes]) -> None:
         try:
@@ -301,10 +272,12 @@ class Program(Unit):
         self._was_halted = False
 
     def activate(self) -> None:
-        folder = Path(self.parameters.folder) if self.parameters.folder else None
-        if folder is not None and not folder.is_dir():
-            raise ProgramAbsent(self.env.plugin, f"no folder {folder}: correct [parameters] folder")
-        self._find(self.parameters.command[0], folder)
+        folder, program, plugin = Path(self.parameters.folder), self.parameters.command[0], self.env.plugin
+        if not folder.is_dir():
+            raise ProgramAbsent(plugin, f"no folder {folder}: correct [parameters] folder")
+        if shutil.which(folder.absolute() / program if os.sep in program else program) is None:
+            what = f"no executable {program}: install it, or correct [parameters] command of {plugin}"
+            raise ProgramAbsent(plugin, what)
         self._start()
 
     def step(self) -> None:
@@ -350,23 +323,12 @@ class Program(Unit):
             why=self._reason,
         )
 
-    def _find(self, program: str, folder: Path | None) -> None:
-        beside = folder / program if folder is not None and os.sep in program else program
-        if shutil.which(beside) is None:
-            raise ProgramAbsent(
-                self.env.plugin,
-                f"no executable {program}: install it, or correct [parameters] command of {self.env.plugin}",
-            )
-
     def _start(self) -> None:
-        given = self.parameters
-        folder = Path(given.folder) if given.folder else None
+        wanted = self.parameters
         try:
-            self._process = LineProcess(
-                self.env.plugin, given.command, folder, given.environment, given.max_line_bytes, self._receive
-            )
+            self._process = LineProcess(self.env.plugin, wanted, self._receive)
         except OSError as error:
-            raise ProgramAbsent(self.env.plugin, f"{given.command[0]} cannot be started: {error}") from error
+            raise ProgramAbsent(self.env.plugin, f"{wanted.command[0]} cannot be started: {error}") from error
 
     def _end(self) -> None:
         process, self._process = self._process, None

@@ -58,7 +58,7 @@ def test_a_process_that_this_side_ends_is_not_told_as_lost(
     end(child)
     assert child._watcher.close(PATIENCE_S)
     assert watcher.told == []
-    assert child._group.status == -signal.SIGKILL
+    assert child.status == -signal.SIGKILL
 
 
 def test_a_process_that_ends_of_itself_is_told_as_lost_once(child: ChildProcess, watcher: Watcher) -> None:
