@@ -22,7 +22,7 @@ from robrain.protocol.border.reading_sieve import measured_at_ns
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.motes.mote_messages import MOTE_READING, MoteReading
+from robrain.protocol.messages.motes.mote_messages import MOTE_READING
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import SEEK, Seek
 from robrain.protocol.model.tasks.task import Task
@@ -102,14 +102,15 @@ class SeekBehavior(Errand[Seek]):
         if not self._receives_motes:
             self._receives_motes = True
             self.env.wire.subscribe(self._readings, MOTE_READING)
-        climb = Climb(self, task, seek)
-        summit = yield from climb.climb()
+        self._task, self._seek, self._field = task, seek, FieldSamples()
+        self._samples = self._received = self._next_ns = 0
+        self._value, self._sd_m, self._is_at_wall = math.nan, math.inf, False  # of the summit that was found
+        self._until_ns = self.env.clock.now_ns() + to_ns(seek.duration_s)
+        summit = yield from self._climb()
         place = Point2D(round(summit.x_m, 3), round(summit.y_m, 3))
-        value, sd_m = round(climb.value, 3), round(climb.sd_m, 3)
+        value, sd_m, at_wall = round(self._value, 3), round(self._sd_m, 3), self._is_at_wall
         self.found.notify(
-            SourceFound(
-                task=task.id, quantity=seek.quantity, value=value, place=place, sd_m=sd_m, at_wall=climb.is_at_wall
-            )
+            SourceFound(task=task.id, quantity=seek.quantity, value=value, place=place, sd_m=sd_m, at_wall=at_wall)
         )
         return {
             "x_m": place.x_m,
@@ -117,51 +118,12 @@ class SeekBehavior(Errand[Seek]):
             "value": value,
             "quantity": seek.quantity,
             "sd_m": sd_m,
-            "at_wall": climb.is_at_wall,
-            "samples": climb.samples,
-            "received": climb.received,
+            "at_wall": at_wall,
+            "samples": self._samples,
+            "received": self._received,
         }
 
-    def measured(self, quantity: str) -> float | None:
-        """Present measurement of the robot's board; None if it does not answer or does not sense this quantity."""
-        try:
-            return self._board.measure().values.get(quantity)
-        except CallError:
-            return None
-
-    def readings(self) -> list[MoteReading]:
-        """Readings of motes received since the last call."""
-        return [received.message for received in self._readings.drain()]
-
-
-class Climb:
-    """One climb to a summit.
-
-    Args:
-        errand: the behavior that does it.
-        task: the task.
-        seek: the sought quantity.
-
-    """
-
-    def __init__(self, errand: SeekBehavior, task: Task, seek: Seek) -> None:
-        self.samples = 0
-        self.received = 0
-        self.value = math.nan
-        """Of the field at the summit that was found."""
-        self.sd_m = math.inf
-        self.is_at_wall = False
-        self._errand = errand
-        self._travel = errand.travel
-        self._clock = errand.env.clock
-        self._priority = task.priority
-        self._place = task.place
-        self._seek = seek
-        self._field = FieldSamples()
-        self._until_ns = self._clock.now_ns() + to_ns(seek.duration_s)
-        self._next_ns = 0
-
-    def climb(self) -> Generator[None, None, Point2D]:
+    def _climb(self) -> Generator[None, None, Point2D]:
         """The place of the source.
 
         Raises:
@@ -173,7 +135,7 @@ class Climb:
         top = -math.inf
         while stuck < STUCK_MAX:
             self._check_time()
-            here = self._travel.place()
+            here = self.travel.place()
             fit = self._fit(here)
             if fit is not None and self._is_near(fit, here) and fit.summit is not None:
                 found = yield from self._drive_around_summit(fit.summit)
@@ -191,13 +153,13 @@ class Climb:
         if highest is None:
             raise Failed(f"cannot get nearer to the source of {self._seek.quantity}")
         yield from self._drive(highest.place)
-        self.is_at_wall, self.value, self.sd_m = True, highest.value, CIRCLE_M
+        self._is_at_wall, self._value, self._sd_m = True, highest.value, CIRCLE_M
         return highest.place
 
     def _probe(self) -> Generator[None, None, None]:
         for turn in range(3):
-            self._sample(self._travel.place())
-            yield from self._drive(_off(self._place, PROBE_M, turn * math.tau / 3))
+            self._sample(self.travel.place())
+            yield from self._drive(_off(self._task.place, PROBE_M, turn * math.tau / 3))
         if not len(self._field):
             raise Failed(f"nothing tells {self._seek.quantity}: neither the robot's own board nor a mote that is heard")
 
@@ -214,7 +176,7 @@ class Climb:
                 return None
             off_m = fit.summit.distance_m(summit)
             if off_m <= CIRCLE_M and fit.summit_sd_m <= SUMMIT_SD_M:
-                self.value, self.sd_m = fit.summit_value, fit.summit_sd_m
+                self._value, self._sd_m = fit.summit_value, fit.summit_sd_m
                 return fit.summit
             if off_m > 2.0 * STEP_M:
                 return None
@@ -224,12 +186,12 @@ class Climb:
     def _circle(self, middle: Point2D) -> Generator[None, None, int]:
         """Drive around a place; returns the number of reached points of the circle."""
         reached = 0
-        here = self._travel.place()
+        here = self.travel.place()
         begin_rad = math.atan2(here.y_m - middle.y_m, here.x_m - middle.x_m)
         for point in range(CIRCLE_POINTS):
             goal = _off(middle, CIRCLE_M, begin_rad + point * math.tau / CIRCLE_POINTS)
             got_there = yield from self._drive(goal)
-            reached += got_there and self._travel.place().distance_m(goal) < CIRCLE_M
+            reached += got_there and self.travel.place().distance_m(goal) < CIRCLE_M
         return reached
 
     def _uphill(self, fit: FieldFit, here: Point2D) -> Generator[None, None, None]:
@@ -239,10 +201,10 @@ class Climb:
             step_m = min(STEP_M, max(fit.summit.distance_m(here), PROBE_M))
         for aside_rad in ANYWHERE_RAD:
             goal = _off(here, step_m, yaw_rad + aside_rad)
-            if goal.distance_m(self._place) > self._seek.reach_m:
+            if goal.distance_m(self._task.place) > self._seek.reach_m:
                 continue
             yield from self._drive(goal)
-            if self._travel.place().distance_m(here) >= MOVED_M:
+            if self.travel.place().distance_m(here) >= MOVED_M:
                 return
 
     def _on_spiral(self, turn: int) -> Point2D:
@@ -250,12 +212,12 @@ class Climb:
         radius_m = SPIRAL_M * (1.0 + math.sqrt(turn))
         if radius_m > self._seek.reach_m:
             raise Failed(f"{self._seek.quantity} rises nowhere within {self._seek.reach_m:g} m")
-        return _off(self._place, radius_m, turn * GOLDEN_RAD)
+        return _off(self._task.place, radius_m, turn * GOLDEN_RAD)
 
     def _drive(self, goal: Point2D) -> Drive:
         """Go there, sensing on the path; False if that is not possible."""
-        travel = self._travel
-        if not travel.set_out(goal, priority=self._priority):
+        travel = self.travel
+        if not travel.set_out(goal, priority=self._task.priority):
             yield
             return False
         while (progress := travel.step()) is not TravelState.ARRIVED:
@@ -265,33 +227,36 @@ class Climb:
                 travel.stop()
                 yield
                 return False
-            self._sample(self._travel.place())
+            self._sample(self.travel.place())
             self._check_time()
             yield
-        self._sample(self._travel.place())
+        self._sample(self.travel.place())
         return True
 
     def _sample(self, here: Point2D) -> None:
-        now_ns = self._clock.now_ns()
+        now_ns = self.env.clock.now_ns()
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + to_ns(SAMPLE_S)
-        value = self._errand.measured(self._seek.quantity)
+        try:
+            value = self._board.measure().values.get(self._seek.quantity)
+        except CallError:
+            value = None
         if value is not None:
-            self.samples += 1
+            self._samples += 1
             self._field.add(here, value, to_seconds(now_ns))
-        for reading in self._errand.readings():
+        for reading in [received.message for received in self._readings.drain()]:
             sensed_ns = measured_at_ns(reading)
             is_meant = reading.quantity == self._seek.quantity and now_ns - sensed_ns < to_ns(RECEIVED_S)
             if is_meant and reading.place is not None and reading.place.distance_m(here) < self._seek.reach_m:
-                self.received += 1
+                self._received += 1
                 self._field.receive(reading.mote, reading.place, reading.value, to_seconds(sensed_ns))
 
     def _fit(self, at: Point2D, width_m: float = WIDTH_M) -> FieldFit | None:
-        return self._field.fit(at, to_seconds(self._clock.now_ns()), width_m)
+        return self._field.fit(at, to_seconds(self.env.clock.now_ns()), width_m)
 
     def _check_time(self) -> None:
-        if self._clock.now_ns() > self._until_ns:
+        if self.env.clock.now_ns() > self._until_ns:
             raise Failed(f"no source of {self._seek.quantity} was found in {self._seek.duration_s:g} s")
 
 
