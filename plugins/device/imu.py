@@ -50,48 +50,27 @@ RATE_MAX_RAD_S = 40.0
 """Limit beyond the range of any gyroscope of this kind."""
 
 
-class Mounting:
-    """Converts the IMU's measurements into the robot's frame.
-
-    Args:
-        upside_down: whether the IMU's z axis points down.
-        yaw_rad: direction of the IMU's x axis in the robot's frame; affects only the accelerations.
-        yaw_sign: -1 for an IMU whose rate is positive to the right.
-
-    """
-
-    def __init__(self, *, upside_down: bool, yaw_rad: float, yaw_sign: int = 1) -> None:
-        self._turns = -yaw_sign if upside_down else yaw_sign
-        self._left_sign = -1.0 if upside_down else 1.0
-        self._cos, self._sin = math.cos(yaw_rad), math.sin(yaw_rad)
-
-    def sample(self, motion: ImuMotion, stamp_ns: int) -> ImuSample:
-        """A measurement in the robot's frame."""
-        rate_rad_s = self._turns * motion.yaw_rate_rad_s
-        if motion.x_m_s2 is None or motion.y_m_s2 is None:
-            return ImuSample(stamp_ns, rate_rad_s)
-        x_m_s2, y_m_s2 = motion.x_m_s2, self._left_sign * motion.y_m_s2
-        return ImuSample(
-            stamp_ns,
-            rate_rad_s,
-            self._cos * x_m_s2 - self._sin * y_m_s2,
-            self._sin * x_m_s2 + self._cos * y_m_s2,
-        )
-
-
 class ImuDevice(Device):
     """Common part of all units: leaves the turn rate to the odometry."""
 
     interface = ImuInterface
     period_s = 0.02
-    mounting: Mounting
+    yaw_sign = 1
+    """-1 for a unit whose rate is positive to the right."""
     _latest: ImuSample | None = None
 
     def add(self, motion: ImuMotion, stamp_ns: int) -> None:
-        """Leave a measurement on the board, after the one before."""
-        before_ns = 0 if self._latest is None else self._latest.stamp_ns
-        self._latest = sample = self.mounting.sample(motion, max(before_ns + 1, stamp_ns))
-        self.env.board.yaw_rates.append(YawRate(sample.stamp_ns, sample.yaw_rate_rad_s))
+        """Leave a measurement on the board, after the one before, and in the robot's frame."""
+        wanted, before = self.parameters, self._latest
+        side = -1.0 if wanted.upside_down else 1.0
+        stamp_ns = max(stamp_ns, 1 if before is None else before.stamp_ns + 1)
+        rate_rad_s, forward_m_s2, left_m_s2 = side * self.yaw_sign * motion.yaw_rate_rad_s, None, None
+        if motion.x_m_s2 is not None and motion.y_m_s2 is not None:
+            cos, sin = math.cos(wanted.mounted_yaw_rad), math.sin(wanted.mounted_yaw_rad)
+            forward_m_s2 = cos * motion.x_m_s2 - sin * side * motion.y_m_s2
+            left_m_s2 = sin * motion.x_m_s2 + cos * side * motion.y_m_s2
+        self._latest = ImuSample(stamp_ns, rate_rad_s, forward_m_s2, left_m_s2)
+        self.env.board.yaw_rates.append(YawRate(stamp_ns, rate_rad_s))
 
     def check_agreement(self) -> None:
         """Raise ImuContradicted if the odometry has found that the unit and the wheels contradict each other."""

@@ -15,7 +15,7 @@ from msgspec import Meta
 from robrain.agent.errors import HardwareAbsent
 from robrain.agent.plugin import external
 from robrain.agent.silence import Silence
-from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion, Mounting
+from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion
 from robrain.protocol.clock import NS_PER_S, to_ns
 from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
@@ -221,9 +221,7 @@ class SerialImu(ImuDevice):
         wanted = self.parameters
         self._line: SerialLine | None = None
         self._period_ns = to_ns(1.0 / wanted.rate_hz)
-        self.mounting = Mounting(
-            upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad, yaw_sign=wanted.yaw_sign
-        )
+        self.yaw_sign = wanted.yaw_sign
         self._samples = self._beyond = 0
 
     def activate(self) -> None:

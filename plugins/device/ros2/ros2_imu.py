@@ -7,7 +7,7 @@ from typing import Any
 from sensor_msgs.msg import Imu
 
 from robrain.agent.silence import FirstWord, Silence
-from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion, Mounting
+from robrain.plugins.device.imu import RATE_MAX_RAD_S, ImuAbsent, ImuDevice, ImuMotion
 from robrain.plugins.device.ros2.link import Ros2Parameters
 from robrain.plugins.device.ros2.topic_device import BadMessage, TopicDevice, stamp_ns_of
 from robrain.protocol.clock import to_ns
@@ -58,10 +58,6 @@ class Ros2Imu(TopicDevice, ImuDevice):
         topics = ("imu",)
 
     parameters: Parameters
-
-    def init(self) -> None:
-        wanted = self.parameters
-        self.mounting = Mounting(upside_down=wanted.upside_down, yaw_rad=wanted.mounted_yaw_rad)
 
     def activate(self) -> None:
         self.env.board.gyro_contradiction = None
