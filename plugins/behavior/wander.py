@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.device.scan.interface import LaserScan, ScanInterface
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion
@@ -35,8 +34,6 @@ class WanderBehavior(Behavior):
 
     period_s: float | None = STEP_S
     parameters: Parameters
-    started = Event[float]()
-    """Observed by the plugin itself: in live its thread sleeps while the robot does not wander."""
 
     def init(self) -> None:
         self._until_ns: int | None = None
@@ -45,7 +42,6 @@ class WanderBehavior(Behavior):
     def activate(self) -> None:
         self._driver = self.env.use("driver", DriverInterface)
         self._scan = self.env.use("scan", ScanInterface)
-        self.env.observe(self.started, lambda _duration_s: self.step())
         self.period_s = STEP_S
 
     def deactivate(self) -> None:
@@ -65,7 +61,7 @@ class WanderBehavior(Behavior):
         self._until_ns = self.env.clock.now_ns() + to_ns(duration_s)
         self.env.board.behavior = "wander"
         self.period_s = STEP_S
-        self.started.notify(duration_s)
+        self.env.hurry()  # its thread sleeps while the robot does not wander
         return True
 
     @external

@@ -10,10 +10,8 @@ removal of clock skew from network delay measurements, 1999.
 from enum import StrEnum
 
 from robrain.protocol.can.payload import LONGEST_GAP, MODULUS
-from robrain.protocol.clock import NS_PER_S, to_ns
+from robrain.protocol.clock import NS_PER_S
 
-FRAME_PERIOD_NS = to_ns(0.02)
-"""Period at which the controller sends frames."""
 OTHER_CLOCK_NS = NS_PER_S
 """A first stamp that differs more from the robot's time is by another clock."""
 WINDOW = 256
@@ -64,7 +62,7 @@ class FrameClock:
 
     """
 
-    def __init__(self, stamped_at: StampedAt, period_ns: int = FRAME_PERIOD_NS) -> None:
+    def __init__(self, stamped_at: StampedAt, period_ns: int) -> None:
         self.offset_ns = 0
         """Current estimate of the robot's time less frame time."""
         self._counts = stamped_at is StampedAt.ARRIVAL

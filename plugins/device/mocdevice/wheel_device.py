@@ -83,8 +83,6 @@ class WheelLink(Protocol):
         """Leave the bus."""
 
 
-ENCODER_MODULUS = 1 << 16
-ENCODER_PERIOD_S = 0.02
 HISTORY_FRAMES = 256
 """Number of frames kept, five seconds: scans and frames may wait while the computer is busy."""
 RECENT_FRAMES = 32
@@ -124,7 +122,7 @@ class WheelOdometry(BaseOdometry):
         wheel_speed_max_rad_s: limits of the wheels.
         pose: pose from which the odometry continues.
         ticks: counts at that pose, if they are known; otherwise the first counts belong to it.
-        counting: meaning of the counts; 16 bits of the base's encoders if None.
+        counting: meaning of the counts.
         period_s: of the frames.
 
     """
@@ -136,26 +134,24 @@ class WheelOdometry(BaseOdometry):
         pose: Pose2D,
         ticks: Ticks | None,
         *,
-        counting: Counting | None = None,
-        period_s: float = ENCODER_PERIOD_S,
+        counting: Counting,
+        period_s: float,
     ) -> None:
         super().__init__(pose, HISTORY_FRAMES)
         self.ticks = ticks
         self.turned_rad = 0.0
         """Turn by the wheels alone, in the last frame."""
-        self.jumps = 0
-        """How often the counts have jumped, as after a restart of the controller; the pose stays as it was then."""
         self._base = base
-        self._modulus, self._rad_per_tick = counting or Counting(ENCODER_MODULUS, base.rad_per_tick)
+        self._modulus, self._rad_per_tick = counting
         self._half = self._modulus // 2
         self._period_s = period_s
         self._stamp_ns: int | None = None
         self._ticks_per_frame = JUMP_SLACK * wheel_speed_max_rad_s * period_s / self._rad_per_tick
 
     def follow(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
-        """Take the counts of one frame; returns False if they have jumped.
+        """Take the counts of one frame; returns False if they have jumped, as after a restart of the controller.
 
-        `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one.
+        The pose stays as it was then. `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one.
         """
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns
@@ -173,7 +169,6 @@ class WheelOdometry(BaseOdometry):
             frames = missing + 1 if since_ns is not None else 1.0 / self._period_s
             most = max(map(abs, steps))
             if most > frames * self._ticks_per_frame or (since_ns is None and self._begins_at_0(ticks, most)):
-                self.jumps += 1
                 has_jumped = True
             else:
                 displacement = self._base.twist(*turns)

@@ -54,8 +54,6 @@ class OverHops:
     def __init__(self, send: Send, acknowledge_every: int) -> None:
         self.sent = 0
         """Routed packets."""
-        self.given_up = 0
-        """Duties that were not confirmed after `DUTY_TRIES`."""
         self._send = send
         self._acknowledge_every = acknowledge_every
         self._parents: dict[int, tuple[int | None, int]] = {}
@@ -125,7 +123,7 @@ class OverHops:
             route.append(known[0])
 
     def _want_duty(self, record: MoteRecord, reading: ReadingPayload, now_ns: int) -> None:
-        self.given_up += record.forget_duty(reading.period_ds, DUTY_TRIES)
+        record.forget_duty(reading.period_ds, DUTY_TRIES)
         if record.wanted_period_ds is None:
             self._waiting.pop((record.number, DUTY_TYPE), None)
         elif self._want(record.number, DUTY_TYPE, DutyPayload(record.wanted_period_ds).pack(), now_ns):

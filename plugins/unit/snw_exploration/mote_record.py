@@ -112,7 +112,6 @@ class SequenceWindow:
         """The lowest number that the mote may still have."""
         self._have = 0
         """Bit i: whether `newest` − i has arrived."""
-        self.arrived = 0
 
     @property
     def missing(self) -> int:
@@ -130,21 +129,18 @@ class SequenceWindow:
         number = self._number(sequence)
         if self._newest is None or (is_live and number < self._newest - RESTART_BACK):
             self._newest, self._oldest, self._have = sequence, sequence, 1
-            self.arrived += 1
             return True
         ahead = number - self._newest
         if ahead > 0:
             self._newest = number
             self._have = ((self._have << ahead) if ahead < self._size else 0) & ((1 << self._size) - 1) | 1
             self._oldest = max(self._oldest, number - self._size + 1)
-            self.arrived += 1
             return True
         bit = 1 << -ahead
         if -ahead >= self._size or self._have & bit:
             return False
         self._have |= bit
         self._oldest = min(self._oldest, number)
-        self.arrived += 1
         return True
 
     def is_newest(self, sequence: int) -> bool:

@@ -2,10 +2,10 @@
 
 import pytest
 
-from robrain.plugins.device.mocdevice.frame_clock import FRAME_PERIOD_NS, RESTART_FRAMES, WINDOW, FrameClock, StampedAt
+from robrain.plugins.device.mocdevice.frame_clock import RESTART_FRAMES, WINDOW, FrameClock, StampedAt
 from robrain.protocol.clock import to_ns
 
-START_NS = to_ns(100.0)
+START_NS, FRAME_PERIOD_NS = to_ns(100.0), to_ns(0.02)
 
 
 def sent_ns(number):
@@ -20,12 +20,12 @@ def hear(clock, number, late_ns=0):
 
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
 def test_frames_that_are_in_time_were_measured_as_their_stamps_say(stamped_at):
-    clock = FrameClock(stamped_at)
+    clock = FrameClock(stamped_at, FRAME_PERIOD_NS)
     assert [hear(clock, number) for number in range(300)] == [sent_ns(number) for number in range(300)]
 
 
 def test_burst_of_frames_stamped_on_arrival_was_measured_over_the_time_that_the_counter_says():
-    clock = FrameClock(StampedAt.ARRIVAL)
+    clock = FrameClock(StampedAt.ARRIVAL, FRAME_PERIOD_NS)
     for number in range(5):
         hear(clock, number)
     burst = [hear(clock, number, sent_ns(60) - sent_ns(number)) for number in range(5, 60)]
@@ -33,7 +33,7 @@ def test_burst_of_frames_stamped_on_arrival_was_measured_over_the_time_that_the_
 
 
 def test_controller_whose_clock_is_slow_is_followed_within_two_windows():
-    clock = FrameClock(StampedAt.ARRIVAL)
+    clock = FrameClock(StampedAt.ARRIVAL, FRAME_PERIOD_NS)
     slow_ns = 4000  # 0.2 ms a second
     for number in range(20 * WINDOW):
         lag_ns = number * slow_ns
@@ -43,7 +43,7 @@ def test_controller_whose_clock_is_slow_is_followed_within_two_windows():
 
 @pytest.mark.parametrize("counter", [1, 200])
 def test_after_a_silence_longer_than_the_counter_can_tell_the_stamp_counts(counter):
-    clock = FrameClock(StampedAt.ARRIVAL)
+    clock = FrameClock(StampedAt.ARRIVAL, FRAME_PERIOD_NS)
     hear(clock, 0)
     now_ns = sent_ns(0) + RESTART_FRAMES * FRAME_PERIOD_NS + 2 * FRAME_PERIOD_NS
     assert clock.add(counter, now_ns, now_ns) + clock.offset_ns == now_ns
@@ -52,7 +52,7 @@ def test_after_a_silence_longer_than_the_counter_can_tell_the_stamp_counts(count
 
 
 def test_controller_that_has_started_anew_counts_from_its_first_stamp():
-    clock = FrameClock(StampedAt.ARRIVAL)
+    clock = FrameClock(StampedAt.ARRIVAL, FRAME_PERIOD_NS)
     hear(clock, 0)
     clock.restart_stamp()
     now_ns = sent_ns(9)
@@ -62,6 +62,6 @@ def test_controller_that_has_started_anew_counts_from_its_first_stamp():
 @pytest.mark.parametrize("stamped_at", list(StampedAt))
 @pytest.mark.parametrize("stamp_s", [0.0, 98.9, 101.1, 1e9])
 def test_stamps_of_another_clock_are_replaced_by_the_robots_time(stamped_at, stamp_s):
-    clock = FrameClock(stamped_at)
+    clock = FrameClock(stamped_at, FRAME_PERIOD_NS)
     for number in range(5):
         assert clock.add(number, to_ns(stamp_s), sent_ns(number)) + clock.offset_ns == sent_ns(number)
