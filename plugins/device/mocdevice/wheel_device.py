@@ -151,7 +151,8 @@ class WheelOdometry(BaseOdometry):
     def follow(self, ticks: Ticks, stamp_ns: int, missing: int) -> bool:
         """Take the counts of one frame; returns False if they have jumped, as after a restart of the controller.
 
-        The pose stays as it was then. `stamp_ns` is the time of measurement, `missing` the number of frames lost before this one.
+        The pose stays as it was then. `stamp_ns` is the time of measurement, `missing` the number of frames lost before
+        this one.
         """
         before, self.ticks = self.ticks, ticks
         since_ns, self._stamp_ns = self._stamp_ns, stamp_ns

@@ -23,7 +23,7 @@ from robrain.plugins.device.range_sensors import Bump, RangeSensorsInterface
 from robrain.plugins.device.scan.interface import ScanInterface
 from robrain.plugins.unit.driver.by_hand import ByHand
 from robrain.plugins.unit.driver.interface import DriverInterface, Motion, OdometryNoise, OnBase
-from robrain.plugins.unit.driver.path import Path, Ramp, RampLimits, check_range, speed_to_stop
+from robrain.plugins.unit.driver.path import PERIOD_S, Path, Ramp, RampLimits, check_range, speed_to_stop
 from robrain.plugins.unit.driver.steering import SLOW_M_S, SPARE_M, Arcs, Steering
 from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.answers.hand_control import HandLease
@@ -126,12 +126,9 @@ def _off_centre_m(found: Passage, seen_m: float) -> float:
     return 0.5 * (min(found.left_m, seen_m) - min(found.right_m, seen_m))
 
 
-PERIOD_S = 0.06
 HAND_PERIOD_S = PERIOD_S / 3
 HAND_PERIOD_NS = to_ns(HAND_PERIOD_S)
 """Period of the checks for a lapsed lease while driven by hand; it commands at the usual period."""
-DELAY_S = PERIOD_S + 0.02
-"""Largest delay from the pose of a decision until the wheels obey."""
 ARRIVED_M = 0.08
 """Of paths; a plugin that replans continuously needs no more."""
 PLACED_M, STEERED_M, PARKED_M = 0.01, 0.03, 0.2
@@ -182,8 +179,8 @@ class Driver(OnBase):
 
     def init(self) -> None:
         limits = self.parameters
-        self._ramp = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3), PERIOD_S)  # of the body, frame odom
-        self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3), PERIOD_S)
+        self._ramp = Ramp(RampLimits(limits.acceleration_m_s2, limits.jerk_m_s3))  # of the body, frame odom
+        self._turn = Ramp(RampLimits(limits.turn_acceleration_rad_s2, limits.turn_jerk_rad_s3))
         self._arcs: Arcs | None = None
         """Of a base that cannot turn on the spot."""
         self._hand = ByHand(limits.hand_lease_s)
@@ -213,10 +210,7 @@ class Driver(OnBase):
             self._turn,
             turn_rate_rad_s=limits.turn_rate_rad_s,
             braking_m_s2=limits.braking_m_s2,
-            period_s=PERIOD_S,
-            delay_s=DELAY_S,
-            is_holonomic=self._moc.is_holonomic(),
-            turn_radius_min_m=self._moc.turn_radius_min_m(),
+            moc=self._moc,
         )
         self._arcs = self._steering.arcs
 
@@ -488,7 +482,7 @@ class Driver(OnBase):
         if not turns_by_arcs:
             self._record(block_reason)
         ahead_m = ramp.ahead(math.cos(heading_rad), math.sin(heading_rad))
-        path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S)
+        path_m_s = path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m)
         fastest_m_s = min(limits.speed_m_s, path.fastest_m_s, path_m_s)
         reverses = path.is_straight
         self._steering.go_towards(pose, heading_rad, fastest_m_s, free_m, ahead_m, may_reverse=reverses)
@@ -508,18 +502,18 @@ class Driver(OnBase):
         self._record("" if not is_stuck else PATH_BLOCKED if found.gap_m is None else TOO_NARROW)
         if ramp.speed > SLOW_M_S:
             room_m = self._lookout.passage(pose, math.atan2(ramp.y, ramp.x)).free_m
-            if ramp.stopping(DELAY_S) > room_m + SPARE_M:
+            if ramp.stopping() > room_m + SPARE_M:
                 self._steering.brake()
                 return self._steering.twist(pose)
         ahead_m = ramp.ahead(math.cos(found.heading_rad), math.sin(found.heading_rad))
         slow_m_s = found.speed_m_s
         if not found.is_between:
-            slow_m_s = max(slow_m_s, speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2, DELAY_S))
-        to_stop_m_s = speed_to_stop(found.free_m - ahead_m, limits.acceleration_m_s2, DELAY_S)
+            slow_m_s = max(slow_m_s, speed_to_stop(free_m - ahead_m, limits.acceleration_m_s2))
+        to_stop_m_s = speed_to_stop(found.free_m - ahead_m, limits.acceleration_m_s2)
         speed_m_s = min(
             slow_m_s,
             max(CREEP_M_S, to_stop_m_s) if found.is_between else to_stop_m_s,
-            path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m, DELAY_S),
+            path.speed_m_s(pose, limits.acceleration_m_s2, ahead_m),
             path.fastest_m_s,
             limits.speed_m_s,
         )

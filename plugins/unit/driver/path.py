@@ -12,6 +12,10 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
 from robrain.protocol.model.ranges import METRES_MAX
 
+PERIOD_S = 0.06
+"""Period of the driver's commands."""
+DELAY_S = PERIOD_S + 0.02
+"""Largest delay from the pose of a decision until the wheels obey."""
 CORNER_M = 0.25
 """A waypoint that is not the last counts as passed within this."""
 NARROW_CORNER_M = 0.15
@@ -147,7 +151,7 @@ class Path:
             self._moved_from, self._moved_ns = pose, now_ns
         return now_ns - self._moved_ns > STUCK_NS
 
-    def speed_m_s(self, pose: Pose2D, acceleration_m_s2: float, ahead_m: float, delay_s: float) -> float:
+    def speed_m_s(self, pose: Pose2D, acceleration_m_s2: float, ahead_m: float) -> float:
         """Speed on the path ahead: at rest at its end, and slow enough at each corner before.
 
         `ahead_m` is driven before a wish to slow down has its effect, see `Ramp.ahead`.
@@ -169,10 +173,10 @@ class Path:
             if bend > 1e-3:
                 through_m_s = math.sqrt(acceleration_m_s2 * self._corner_m / bend)
                 slack_m = max(0.0, left_m - self._corner_m)
-                fastest_m_s = min(fastest_m_s, through_m_s + speed_to_stop(slack_m, acceleration_m_s2, delay_s))
+                fastest_m_s = min(fastest_m_s, through_m_s + speed_to_stop(slack_m, acceleration_m_s2))
             left_m += math.hypot(after.x_m - corner.x_m, after.y_m - corner.y_m)
             before = corner
-        return min(fastest_m_s, speed_to_stop(left_m, acceleration_m_s2, delay_s))
+        return min(fastest_m_s, speed_to_stop(left_m, acceleration_m_s2))
 
 
 class RampLimits(msgspec.Struct, frozen=True):
@@ -182,25 +186,24 @@ class RampLimits(msgspec.Struct, frozen=True):
     jerk: float
 
 
-def speed_to_stop(distance: float, acceleration: float, delay_s: float) -> float:
-    """The speed from which a deceleration that begins after `delay_s` ends within a distance; 0 if none remains.
+def speed_to_stop(distance: float, acceleration: float) -> float:
+    """The speed from which a deceleration that begins after `DELAY_S` ends within a distance; 0 if none remains.
 
     The solution of v·delay + v²/(2a) = distance.
     """
     if distance <= 0.0:
         return 0.0
-    return acceleration * (math.sqrt(delay_s * delay_s + 2.0 * distance / acceleration) - delay_s)
+    return acceleration * (math.sqrt(DELAY_S * DELAY_S + 2.0 * distance / acceleration) - DELAY_S)
 
 
 class Ramp:
     """A velocity in the plane that follows a wanted one; with y left at 0, along a line or about an axis."""
 
-    def __init__(self, limits: RampLimits, period_s: float) -> None:
+    def __init__(self, limits: RampLimits) -> None:
         self.limits = limits
         self.x = self.y = 0.0
         """The velocity."""
         self._acceleration_x = self._acceleration_y = 0.0
-        self._period_s = period_s
 
     @property
     def speed(self) -> float:
@@ -215,19 +218,19 @@ class Ramp:
         """
         limits = self.limits
         speeding_up = max(0.0, direction_x * self._acceleration_x + direction_y * self._acceleration_y)
-        lead_s = (0.5 * limits.acceleration + speeding_up) / limits.jerk + 0.5 * self._period_s
+        lead_s = (0.5 * limits.acceleration + speeding_up) / limits.jerk + 0.5 * PERIOD_S
         gained = speeding_up * speeding_up / (2.0 * limits.jerk)
         return lead_s * (direction_x * self.x + direction_y * self.y + gained)
 
-    def stopping(self, delay_s: float) -> float:
-        """Distance until it is at rest, if it begins to slow down smoothly after `delay_s`.
+    def stopping(self) -> float:
+        """Distance until it is at rest, if it begins to slow down smoothly after `DELAY_S`.
 
         An S-curve from v to rest takes v²/(2a) + v·a/(2j). Lower speeds than those that reach the full deceleration
         need less. Source: Biagiotti, Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, section
         3.4.
         """
         speed, limits = math.hypot(self.x, self.y), self.limits
-        lag_s = limits.acceleration / (2.0 * limits.jerk) + delay_s
+        lag_s = limits.acceleration / (2.0 * limits.jerk) + DELAY_S
         return speed * (speed / (2.0 * limits.acceleration) + lag_s)
 
     def keep_along(self, direction_x: float, direction_y: float, *, may_reverse: bool) -> None:
@@ -257,18 +260,18 @@ class Ramp:
 
     def follow(self, wanted_x: float, wanted_y: float) -> None:
         """Advance by a period towards the wanted velocity."""
-        period_s, limits = self._period_s, self.limits
+        limits = self.limits
         missing_x, missing_y = wanted_x - self.x, wanted_y - self.y
         missing = math.hypot(missing_x, missing_y)
-        step = limits.jerk * period_s
+        step = limits.jerk * PERIOD_S
         acceleration = math.hypot(self._acceleration_x, self._acceleration_y)
-        if missing <= step * period_s and acceleration <= step * 1.001:
+        if missing <= step * PERIOD_S and acceleration <= step * 1.001:
             self.x, self.y = wanted_x, wanted_y
             self._acceleration_x = self._acceleration_y = 0.0
             return
         # The greatest acceleration that can still be taken back, a step each period, until nothing is missing.
         aim = math.sqrt(0.25 * step * step + 2.0 * limits.jerk * missing) - 0.5 * step
-        aim = min(limits.acceleration, aim, missing / period_s)
+        aim = min(limits.acceleration, aim, missing / PERIOD_S)
         share = aim / missing if missing > 0.0 else 0.0
         change_x = share * missing_x - self._acceleration_x
         change_y = share * missing_y - self._acceleration_y
@@ -276,13 +279,13 @@ class Ramp:
         share = step / change if change > step else 1.0
         self._acceleration_x += share * change_x
         self._acceleration_y += share * change_y
-        self.x += period_s * self._acceleration_x
-        self.y += period_s * self._acceleration_y
+        self.x += PERIOD_S * self._acceleration_x
+        self.y += PERIOD_S * self._acceleration_y
 
     def brake(self, deceleration: float) -> None:
         """Advance by a period towards rest, with this deceleration and at once."""
         speed = self.speed
-        left = max(0.0, speed - deceleration * self._period_s)
+        left = max(0.0, speed - deceleration * PERIOD_S)
         share = left / speed if speed > 0.0 else 0.0
         self.x, self.y = share * self.x, share * self.y
         self._acceleration_x = self._acceleration_y = 0.0

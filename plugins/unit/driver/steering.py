@@ -6,7 +6,8 @@ along its own axis, and slower the less it faces the wish. It thus turns on the 
 
 import math
 
-from robrain.plugins.unit.driver.path import Ramp, RampLimits, speed_to_stop
+from robrain.plugins.device.mocdevice.interface import MocDeviceInterface
+from robrain.plugins.unit.driver.path import PERIOD_S, Ramp, RampLimits, speed_to_stop
 from robrain.plugins.unit.obstacle_distance import Lookout
 from robrain.protocol.model.geometry import Pose2D, Twist2D, wrap_angle_rad
 
@@ -29,18 +30,14 @@ class Arcs:
         lookout: obstacles ahead and behind.
         limits: of the speed.
         turn_radius_min_m: radius of the tightest turn.
-        period_s: of the commands.
-        delay_s: until a command takes effect.
 
     """
 
-    def __init__(
-        self, lookout: Lookout, limits: RampLimits, turn_radius_min_m: float, period_s: float, delay_s: float
-    ) -> None:
+    def __init__(self, lookout: Lookout, limits: RampLimits, turn_radius_min_m: float) -> None:
         self.has_room = True
         """Whether the last commanded motion was possible."""
-        self._lookout, self._radius_m, self._delay_s = lookout, turn_radius_min_m, delay_s
-        self._speed = Ramp(limits, period_s)
+        self._lookout, self._radius_m = lookout, turn_radius_min_m
+        self._speed = Ramp(limits)
         self._direction = 1.0
         self._begin: Pose2D | None = None
         self._leg_m = 0.0
@@ -84,7 +81,7 @@ class Arcs:
             self._begin, self._leg_m, self._direction = pose, LEG_M, -self._direction
             to_go_m = self._to_go_m(pose, pose)
             self.has_room = to_go_m >= ROOM_M
-        to_stop_m_s = 0.0 if is_enough else speed_to_stop(to_go_m, speed.limits.acceleration, self._delay_s)
+        to_stop_m_s = 0.0 if is_enough else speed_to_stop(to_go_m, speed.limits.acceleration)
         speed.follow(self._direction * min(ARC_M_S, fastest_m_s, to_stop_m_s), 0.0)
         ramp.point_along(speed, *axis)
 
@@ -110,10 +107,7 @@ class Steering:
         turn: the ramp of its turn rate.
         turn_rate_rad_s: greatest turn rate.
         braking_m_s2: for obstacles too near for a smooth stop.
-        period_s: of the commands.
-        delay_s: until a command takes effect.
-        is_holonomic: whether the base can drive sideways.
-        turn_radius_min_m: radius of the tightest turn; 0 for a base that turns on the spot.
+        moc: the base.
 
     """
 
@@ -125,21 +119,17 @@ class Steering:
         *,
         turn_rate_rad_s: float,
         braking_m_s2: float,
-        period_s: float,
-        delay_s: float,
-        is_holonomic: bool,
-        turn_radius_min_m: float = 0.0,
+        moc: MocDeviceInterface,
     ) -> None:
         self.arcs: Arcs | None = None
         """Of a base that cannot turn on the spot."""
-        if turn_radius_min_m:
-            self.arcs = Arcs(lookout, ramp.limits, turn_radius_min_m, period_s, delay_s)
-        self.is_holonomic = is_holonomic
+        if turn_radius_min_m := moc.turn_radius_min_m():
+            self.arcs = Arcs(lookout, ramp.limits, turn_radius_min_m)
+        self.is_holonomic = moc.is_holonomic()
         self._brakes = False
         """Whether it brakes hard in this period."""
         self._lookout, self._ramp, self._turn = lookout, ramp, turn
         self._turn_rate_rad_s, self._braking_m_s2 = turn_rate_rad_s, braking_m_s2
-        self._period_s, self._delay_s = period_s, delay_s
 
     def go_towards(
         self,
@@ -172,7 +162,7 @@ class Steering:
             axis_rad = wrap_angle_rad(pose.yaw_rad + math.pi) if is_back else pose.yaw_rad
             free_m = min(free_m, self._lookout.free_m(pose, axis_rad))
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
-        to_stop_m_s = speed_to_stop(free_m - ahead_m, acceleration, self._delay_s)
+        to_stop_m_s = speed_to_stop(free_m - ahead_m, acceleration)
         ramp.follow(min(speed_m_s, to_stop_m_s) * cos, min(speed_m_s, to_stop_m_s) * sin)
 
     def go(self, pose: Pose2D, velocity_m_s: tuple[float, float]) -> float:
@@ -201,13 +191,13 @@ class Steering:
         if math.hypot(ramp.x, ramp.y) < SLOW_M_S:
             return False
         free_m = self._lookout.free_m(pose, math.atan2(ramp.y, ramp.x))
-        return ramp.stopping(self._delay_s) > free_m + SPARE_M
+        return ramp.stopping() > free_m + SPARE_M
 
     def turn_by(self, angle_rad: float) -> None:
         """Advance by a period with a turn that has this angle remaining."""
         turn = self._turn
         left_rad = abs(angle_rad) - turn.ahead(math.copysign(1.0, angle_rad), 0.0)
-        stop_rad_s = speed_to_stop(left_rad, turn.limits.acceleration, self._delay_s)
+        stop_rad_s = speed_to_stop(left_rad, turn.limits.acceleration)
         turn.follow(math.copysign(min(self._turn_rate_rad_s, stop_rad_s), angle_rad), 0.0)
 
     def twist(self, pose: Pose2D, *, may_reverse: bool = False, fastest_m_s: float = math.inf) -> Twist2D:
@@ -222,7 +212,7 @@ class Steering:
         """
         ramp, rate_rad_s = self._ramp, self._turn.x
         # The command holds for a period, in which the body turns: it is meant for the middle of it.
-        yaw_rad = pose.yaw_rad + 0.5 * self._period_s * rate_rad_s
+        yaw_rad = pose.yaw_rad + 0.5 * PERIOD_S * rate_rad_s
         cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         if self.is_holonomic:
             return Twist2D(cos * ramp.x + sin * ramp.y, cos * ramp.y - sin * ramp.x, rate_rad_s)

@@ -33,15 +33,15 @@ def test_corner_is_as_fast_as_its_angle_allows(degrees):
     turn_rad = math.radians(degrees)
     far = Point2D(0.6 + 9.0 * math.cos(turn_rad), 9.0 * math.sin(turn_rad))
     through_m_s = math.sqrt(0.8 * CORNER_M / abs(math.sin(0.5 * turn_rad)))
-    expected_m_s = through_m_s + speed_to_stop(0.6 - 0.1 - CORNER_M, 0.8, 0.08)
-    assert Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(AT, 0.8, 0.1, 0.08) == pytest.approx(expected_m_s)
+    expected_m_s = through_m_s + speed_to_stop(0.6 - 0.1 - CORNER_M, 0.8)
+    assert Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(AT, 0.8, 0.1) == pytest.approx(expected_m_s)
     # Already at the corner, nothing is left to slow down in.
-    at_corner = Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(Pose2D(0.4, 0.0, 0.0), 0.8, 0.0, 0.08)
+    at_corner = Path([Point2D(0.6, 0.0), far], 0.08).speed_m_s(Pose2D(0.4, 0.0, 0.0), 0.8, 0.0)
     assert at_corner == pytest.approx(through_m_s)
 
 
 def test_part_of_a_ramp_along_a_direction_keeps_its_speed_and_its_acceleration():
-    ramp = Ramp(RampLimits(acceleration=0.8, jerk=4.0), PERIOD_S)
+    ramp = Ramp(RampLimits(acceleration=0.8, jerk=4.0))
     for _ in range(5):
         ramp.follow(0.5, 1.0)
     speed, ahead = 0.6 * ramp.x + 0.8 * ramp.y, ramp.ahead(0.6, 0.8)
@@ -54,7 +54,7 @@ def test_part_of_a_ramp_along_a_direction_keeps_its_speed_and_its_acceleration()
 
 
 def test_ramp_that_brakes_keeps_its_direction_ends_at_rest_and_forgets_its_acceleration():
-    ramp = Ramp(RampLimits(0.8, 4.0), PERIOD_S)
+    ramp = Ramp(RampLimits(0.8, 4.0))
     for _ in range(4):
         ramp.follow(3.0, 4.0)
     speed = ramp.speed
@@ -74,7 +74,7 @@ SPEEDS = st.floats(-0.6, 0.6)
 @example([(0.0, 0.5, 1), (0.0, 0.0, 1)])
 @given(st.lists(st.tuples(SPEEDS, SPEEDS, st.integers(1, 20)), min_size=1, max_size=6))
 def test_whatever_is_wanted_acceleration_and_jerk_stay_within_their_limits(wanted):
-    ramp = Ramp(LIMITS, CYCLE_S)
+    ramp = Ramp(LIMITS)
     speeds = [(0.0, 0.0), (0.0, 0.0)]
     for x, y, periods in wanted:
         for _ in range(periods):
@@ -91,7 +91,7 @@ def test_whatever_is_wanted_acceleration_and_jerk_stay_within_their_limits(wante
 
 @given(SPEEDS, SPEEDS, SPEEDS, SPEEDS)
 def test_the_wanted_velocity_is_reached_without_passing_it(x, y, to_x, to_y):
-    ramp = Ramp(LIMITS, CYCLE_S)
+    ramp = Ramp(LIMITS)
     for _ in range(60):
         ramp.follow(x, y)
     assert (ramp.x, ramp.y) == (x, y)
@@ -109,9 +109,9 @@ def test_the_wanted_velocity_is_reached_without_passing_it(x, y, to_x, to_y):
 @example(0.0733)  # so short that the brakes are needed while it still speeds up
 @given(st.floats(0.02, 5.0))
 def test_who_drives_as_fast_as_the_distance_allows_stops_within_it(distance_m):
-    ramp, left_m = Ramp(LIMITS, CYCLE_S), distance_m
+    ramp, left_m = Ramp(LIMITS), distance_m
     for _ in range(1000):
-        speed = min(0.6, speed_to_stop(left_m - ramp.ahead(1.0, 0.0), LIMITS.acceleration, 0.08))
+        speed = min(0.6, speed_to_stop(left_m - ramp.ahead(1.0, 0.0), LIMITS.acceleration))
         ramp.follow(speed, 0.0)
         left_m -= CYCLE_S * ramp.x
     assert -0.01 < left_m < 0.005
