@@ -217,10 +217,8 @@ class IsolatedPlugin(Plugin):
 
     def _start(self) -> None:
         self._end("is restarted")
-        own_module = self._plugin_class.__module__
-        server = ParentServer(self.env, self, self._contract, own_module, weakref.WeakMethod(self._receive))
         try:
-            child = ChildProcess(self.env.plugin, server.serve, weakref.WeakMethod(self._on_lost))
+            child = ChildProcess(self.env.plugin, ParentServer(self).serve, weakref.WeakMethod(self._on_lost))
         except OSError as error:
             raise PluginError(self.env.plugin, f"no process for {self.env.plugin}: {error}") from error
         self._child = child
@@ -386,9 +384,6 @@ def try_import(module: str, file: Path | None, limit_s: float) -> str:
     return how_it_ended(ended.returncode) if ended.returncode < 0 else ""
 
 
-ReceiveEvent = Callable[[int, Any], None]
-
-
 class _Held(NamedTuple):
     handle: Any
     contract: Contract
@@ -398,27 +393,14 @@ class ParentServer:
     """Answers one process, with the environment and the rights of its plugin.
 
     Args:
-        env: the plugin's environment.
-        plugin: represents the plugin here, and has its events.
-        contract: the plugin's functions.
-        own_module: the module that declares the plugin's class.
-        receive: receives a subscription's number and the value of an event that has happened.
+        plugin: represents the plugin here, and has its events; held by a weak reference.
 
     """
 
-    def __init__(
-        self,
-        env: Environment,
-        plugin: Plugin,
-        contract: Contract,
-        own_module: str,
-        receive: "weakref.WeakMethod[ReceiveEvent]",
-    ) -> None:
-        self._env = env
+    def __init__(self, plugin: IsolatedPlugin) -> None:
+        self._env = plugin.env
         self._plugin = weakref.ref(plugin)
-        self._contract = contract
-        self._own_module = own_module
-        self._receive = receive
+        self._own_module = plugin._plugin_class.__module__
         self._held: list[_Held] = []
 
     def serve(self, request: Request) -> bytes:
@@ -458,14 +440,14 @@ class ParentServer:
         return self._held[number - 1]
 
     def _observe(self, event: Any, subscription: int) -> None:
-        receive = self._receive()
-        if receive is not None:
-            self._env.observe(event, partial(receive, subscription))
+        plugin = self._plugin()
+        if plugin is not None:
+            self._env.observe(event, partial(plugin._receive, subscription))
 
     def _notify(self, name: str, written: bytes) -> None:
         plugin = self._plugin()
         if plugin is not None:
-            getattr(plugin, name).notify(self._contract.events[name].decode(written))
+            getattr(plugin, name).notify(plugin._contract.events[name].decode(written))
 
     def _write_board(self, name: str, written: bytes) -> None:
         try:
