@@ -6,17 +6,15 @@ there is at most one. A live coordinator receives no robot of that group.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Set
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Set
+from typing import NamedTuple
 
 import msgspec
 
-from robrain.agent.board import Board
 from robrain.agent.consensus.holders import GIVEN_UP_NS, GOES_ON_S, Holders
 from robrain.agent.consensus.known_tasks import KnownTasks, TaskSync
 from robrain.agent.consensus.task_intake import Known, TaskIntake
 from robrain.agent.host.host_extension import ExtendedHost, HostExtension
-from robrain.agent.robot_tasks import RobotTasks
 from robrain.algorithms.consensus.negotiation import Negotiation
 from robrain.algorithms.consensus.route_scorer import task_scorer
 from robrain.protocol.clock import clock_difference_ns, to_ns, to_seconds
@@ -44,7 +42,7 @@ from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.reasons import Occupied, OfferRefusal
-from robrain.protocol.wire.endpoint import Endpoint, Request, Serve
+from robrain.protocol.wire.endpoint import Request, Serve
 
 NUMBERS_MAX = 64
 """Ballots with the claim whose echo counts, the last ones (chosen: 6 s and more)."""
@@ -141,31 +139,19 @@ class Consensus(HostExtension):
     """A robot's part in allocation without a coordinator.
 
     Args:
-        wire: the host's Zenoh endpoint.
-        robot: the robot's name.
-        board: the robot's facts about itself.
-        desk: where tasks are begun.
+        host: the robot's host.
         chargers: those that the robot knows, arena frame.
-        follows: whether a summary is of a coordinator that leads.
 
     """
 
-    def __init__(
-        self,
-        wire: Endpoint,
-        robot: str,
-        board: Board,
-        desk: RobotTasks,
-        chargers: list[Point2D],
-        follows: Callable[[TeamState], bool] = lambda _summary: True,
-    ) -> None:
-        now_ns = wire.clock.now_ns()
+    def __init__(self, host: ExtendedHost, chargers: list[Point2D]) -> None:
+        wire, robot, desk, now_ns = host.wire, host.name, host.desk, host.clock.now_ns()
         self._wire = wire
         self.known = KnownTasks()
         self.is_leaderless = False
         """Whether this robot and more than half of the team allocate tasks by themselves."""
-        self._robot, self._board, self._desk, self._chargers = robot, board, desk, chargers
-        self._follows = follows
+        self._robot, self._board, self._desk, self._chargers = robot, host.board, desk, chargers
+        self._follows = host.follows
         self._intake = TaskIntake(robot, self.known, desk)
         self._sync = TaskSync(wire, self.known)
         self._inbox = Inbox(capacity=4096)
@@ -520,17 +506,12 @@ class Consensus(HostExtension):
         self._publisher.put(report)
 
 
-def chargers_in(parameters: Mapping[str, Mapping[str, Any]]) -> list[Point2D]:
-    """The chargers that a robot's file names for the plugin `home`."""
-    return [Point2D(one["x_m"], one["y_m"]) for one in parameters.get("home", {}).get("chargers", ())]
-
-
 def consensus_extension(host: ExtendedHost) -> HostExtension:
     """Consensus for a robot whose file has `consensus = true`; for others an extension that refuses tasks."""
     if not host.robot_file.robot.consensus:
         return NoConsensus(host)
-    chargers = chargers_in(host.robot_file.parameters)
-    return Consensus(host.wire, host.name, host.board, host.desk, chargers, host.follows)
+    chargers = host.robot_file.parameters.get("home", {}).get("chargers", ())
+    return Consensus(host, [Point2D(one["x_m"], one["y_m"]) for one in chargers])
 
 
 class NoConsensus(HostExtension):

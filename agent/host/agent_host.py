@@ -21,7 +21,7 @@ from robrain.agent.board import HALTED, IDLE, Board
 from robrain.agent.environment import Environment, PluginRequests
 from robrain.agent.errors import PluginMissing, RobotFileError
 from robrain.agent.host.command_door import TextCommandDoor
-from robrain.agent.host.host_extension import HostExtension, MakeExtension, make_extensions
+from robrain.agent.host.host_extension import HOST_EXTENSIONS, HostExtension, MakeExtension
 from robrain.agent.host.host_verbs import AT_ONCE, answer_verb
 from robrain.agent.host.plugin_manager import PluginManager
 from robrain.agent.host.robot_file import RobotFile, folder_of
@@ -229,7 +229,7 @@ class AgentHost:
         self._places = [stock_place(), *(place for place, _ in self._distributions), *own]
         self.extensions: dict[str, HostExtension] = {}
         """Host extensions by name."""
-        self.extensions = make_extensions(self, extensions)
+        self.extensions = {name: extensions.get(name, make)(self) for name, make in HOST_EXTENSIONS.entries().items()}
         self._steps = [
             (name, extension.step)
             for name, extension in self.extensions.items()

@@ -7,7 +7,7 @@ calls it once, when the host is made:
     beacon = "my_team.beacon:Beacon"
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Protocol
 
 from robrain.agent.board import Board
@@ -84,15 +84,4 @@ HOST_EXTENSIONS: Registry[MakeExtension] = Registry(
         "witness": "robrain.agent.consensus.witness:WitnessExtension",
     },
 )
-"""The extensions by name."""
-
-
-def make_extensions(host: ExtendedHost, own: Mapping[str, MakeExtension]) -> dict[str, HostExtension]:
-    """Make the extensions of one robot, by name, those of robrain first. One that cannot be imported is skipped.
-
-    Args:
-        host: the robot's host.
-        own: extensions that replace those with the same name.
-
-    """
-    return {name: own.get(name, make)(host) for name, make in HOST_EXTENSIONS.entries().items()}
+"""The extensions by name, those of robrain first. One that cannot be imported is skipped."""

@@ -26,8 +26,8 @@ class TeamRobot(DeskRobot):
         super().come()
         self.board = Board()
         self.board.pose = self.pose
-        chargers: list[Point2D] = []
-        self.consensus = Consensus(self.wire, self.name, self.board, self.desk, chargers)
+        self.clock, self.follows = self.wire.clock, lambda _summary: True
+        self.consensus = Consensus(self, [])
         self._send = self.consensus._publisher.put
         self.consensus._publisher.put = lambda message: None if self.isolated else self._send(message)
 

@@ -29,14 +29,14 @@ class OneRobot:
 
     def __init__(self) -> None:
         self.session = open_lockstep_session()
-        self.clock = VirtualClock()
+        self.clock, self.name, self.follows = VirtualClock(), "r1", lambda _summary: True
         self.wire = Endpoint(self.session, "test", self.clock, Drive.LOCKSTEP)
         self.board, self.desk = Board(), RobotTasks()
         self.board.pose = Pose2D(0.0, 0.0, 0.0)
         self.begun: list[str] = []
         for kind in ("visit", "recharge"):
             self.desk.register(kind, self._accept, lambda _why: None)
-        self.consensus = Consensus(self.wire, "r1", self.board, self.desk, CHARGERS)
+        self.consensus = Consensus(self, CHARGERS)
         self.says: dict[str, dict[str, Any]] = {}
         """What each teammate says with each step."""
         self.is_coordinated, self.last_change = True, 0

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from robrain.agent.host import host_extension
+from robrain.agent.host import agent_host
 from robrain.agent.host.host_extension import HostExtension
 from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.protocol.links.inbox import Inbox
@@ -45,7 +45,7 @@ def beacon(bench, monkeypatch):
     stock = {"beacon": f"{__name__}:Beacon", "missing": "robrain.agent.nowhere:Nothing"}
     registry = Registry("host extension", "robrain.host_extensions", stock)
     registry._loaded["beacon"] = Beacon
-    monkeypatch.setattr(host_extension, "HOST_EXTENSIONS", registry)
+    monkeypatch.setattr(agent_host, "HOST_EXTENSIONS", registry)
     bench.add(RobotFile(robot=RobotTable("r1", load=[]))).start()
     return bench.hosts[-1].extensions["beacon"]
 
