@@ -90,30 +90,28 @@ class LineServer(socketserver.TCPServer):
     """Listens from the moment it is made until `close`.
 
     Args:
-        host: address to listen on.
-        port: 0 selects a free one.
+        wanted: address, and limits of the clients; one beyond `max_clients` is disconnected with a message.
         execute: answers one command; called on the clients' threads, several at a time.
-        max_clients: a further client is disconnected with a message that the server is busy.
-        idle_s: a client that is silent for this time is disconnected.
 
     Raises:
         OSError: the address is not available.
 
     """
 
-    def __init__(self, host: str, port: int, execute: Callable[[str], str], *, max_clients: int, idle_s: float) -> None:
+    def __init__(self, wanted: "TcpSocket.Parameters", execute: Callable[[str], str]) -> None:
         self._execute = execute
-        self._max_clients = max_clients
-        self._idle_s = idle_s
+        self._max_clients = wanted.max_clients
+        self._idle_s = wanted.idle_s
         self._clients: dict[socket.socket, OwnedThread] = {}
         self.refused = 0
         """Number of clients disconnected because `max_clients` were connected."""
         self._reported_s = -math.inf
         self._guard = threading.Lock()
-        super().__init__((host, port), socketserver.BaseRequestHandler, bind_and_activate=False)
+        address = wanted.host, wanted.port
+        super().__init__(address, socketserver.BaseRequestHandler, bind_and_activate=False)
         self.socket.close()
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self.socket = socket.create_server((host, port), family=family, backlog=128)
+        family = socket.AF_INET6 if ":" in wanted.host else socket.AF_INET
+        self.socket = socket.create_server(address, family=family, backlog=128)
         self.port: int = self.socket.getsockname()[1]
         self._thread = OwnedThread(f"tcp-{self.port}", self.serve_forever, POLL_S)
 
@@ -221,9 +219,7 @@ class TcpSocket(Unit):
                 f"{self.env.plugin} runs only in the live drive: a lockstep run has one thread and no clients",
             )
         try:
-            self._server = LineServer(
-                wanted.host, wanted.port, command.execute, max_clients=wanted.max_clients, idle_s=wanted.idle_s
-            )
+            self._server = LineServer(wanted, command.execute)
         except OSError as error:
             raise PluginError(
                 self.env.plugin, f"{self.env.plugin} cannot listen on {wanted.host} port {wanted.port}: {error}"

@@ -45,12 +45,9 @@ class PacketLink:
     def __init__(self, where: str, backoff: Backoff) -> None:
         self.down_reason = ""
         """Reason why the line is lost; empty while it is open."""
-        self._where, self._backoff = where, backoff
-
-    @property
-    def dropped(self) -> int:
+        self.dropped = 0
         """Packets that came while too many waited already."""
-        return 0
+        self._where, self._backoff = where, backoff
 
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets that have arrived; the call also tries to reopen a lost line."""
@@ -187,13 +184,9 @@ class SimulatedAirLink(PacketLink):
         self._publisher = wire.publisher(ARENA_RADIO_TX, robot=robot)
         wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=robot)
 
-    @property
-    def dropped(self) -> int:
-        """Packets that came while too many waited already."""
-        return self._inbox.dropped
-
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step."""
+        self.dropped = self._inbox.dropped
         return [packet for _, _, packet in self._inbox.drain_raw()] if self._inbox.has_some else []
 
     def send(self, packet: bytes, now_ns: int) -> None:
@@ -224,7 +217,7 @@ class SfLink(PacketLink):
 
     def __init__(self, host: str, port: int, *, capacity: int, backoff: Backoff, timeout_s: float) -> None:
         super().__init__(f"{host}:{port}", backoff)
-        self._dropped = self._unsent = self._reconnects = 0
+        self._unsent = self._reconnects = 0
         self._capacity = capacity
         self._to_send = b""
         self._decoder = PacketDecoder()
@@ -244,11 +237,6 @@ class SfLink(PacketLink):
             self._socket.close()
             raise
 
-    @property
-    def dropped(self) -> int:
-        """Packets that came while too many waited already."""
-        return self._dropped
-
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step; the call also tries to reopen a lost connection when it is due."""
         if self._socket is None:
@@ -265,7 +253,7 @@ class SfLink(PacketLink):
                 if not data:
                     raise ConnectionError("the Serial Forwarder hung up")
                 came = self._decoder.feed(data)
-                self._dropped += max(0, len(packets) + len(came) - self._capacity)
+                self.dropped += max(0, len(packets) + len(came) - self._capacity)
                 packets += came
         except BlockingIOError:
             pass

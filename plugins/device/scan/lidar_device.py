@@ -8,7 +8,7 @@ restart, so that no map is made of it.
 import logging
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
@@ -128,19 +128,13 @@ class LidarFault(PluginError):
     """The lidar is silent or unplugged, or its data cannot be true."""
 
 
-class HasSilence(Protocol):
-    """Parameters of a lidar."""
-
-    @property
-    def silent_s(self) -> float:
-        """Time without a turn after which the lidar faults."""
-
-
 class LidarDevice(Device):
-    """Passes on each turn of a lidar; subclasses read the turns in `read_turns`."""
+    """Passes on each turn of a lidar; subclasses read the turns in `read_turns`.
+
+    Their parameter `silent_s` is the time without a turn after which the lidar faults.
+    """
 
     interface = ScanInterface
-    parameters: HasSilence
     scanned = Event[LaserScan]()
     trouble = Event[str](outside=True)
     """Reason why the lidar is at fault, before the device faults."""
