@@ -8,7 +8,6 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
-from enum import StrEnum
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,20 +34,12 @@ SUCCEEDED, CANCELED = 4, 5
 """Of action_msgs/GoalStatus."""
 
 
-class GoalState(StrEnum):
-    """End state of a goal."""
-
-    ARRIVED = "arrived"
-    FAILED = "failed"
-    CANCELLED = "cancelled"
-
-
 class GoalEnd(NamedTuple):
     """The end of a goal."""
 
     number: int
-    state: GoalState
-    reason: str = ""
+    reason: str | None
+    """Why the robot is not there; None if it has arrived."""
 
 
 class GoalClient:
@@ -122,16 +113,16 @@ class GoalClient:
 
     def _send(self, number: int, goal: Any) -> None:
         if number <= self._cancelled_to:
-            self._end(GoalEnd(number, GoalState.CANCELLED))
+            self._end(number, "")
         elif not self._client.server_is_ready():
-            self._end(GoalEnd(number, GoalState.FAILED, f"there is no action server {self._topic}"))
+            self._end(number, f"there is no action server {self._topic}")
         else:
             self._client.send_goal_async(goal).add_done_callback(partial(self._answered, number))
 
     def _answered(self, number: int, answer: Any) -> None:
         handle = answer.result()
         if handle is None or not handle.accepted:
-            self._end(GoalEnd(number, GoalState.FAILED, "Nav2 has rejected the goal"))
+            self._end(number, "Nav2 has rejected the goal")
             return
         self._handles[number] = handle
         handle.get_result_async().add_done_callback(partial(self._ended, number))
@@ -146,17 +137,13 @@ class GoalClient:
     def _ended(self, number: int, answer: Any) -> None:
         self._handles.pop(number, None)
         found = answer.result()
-        if found.status == SUCCEEDED:
-            self._end(GoalEnd(number, GoalState.ARRIVED))
-        elif found.status == CANCELED:
-            self._end(GoalEnd(number, GoalState.CANCELLED, "Nav2's goal was cancelled"))
-        else:
-            code, words = getattr(found.result, "error_code", 0), getattr(found.result, "error_msg", "")
-            self._end(GoalEnd(number, GoalState.FAILED, f"Nav2 does not get there: {words or f'error {code}'}"))
+        code, words = getattr(found.result, "error_code", 0), getattr(found.result, "error_msg", "")
+        failed = f"Nav2 does not get there: {words or f'error {code}'}"
+        self._end(number, {SUCCEEDED: None, CANCELED: "Nav2's goal was cancelled"}.get(found.status, failed))
 
-    def _end(self, end: GoalEnd) -> None:
-        self._ends.append(end)
-        if end.number == self._last:
+    def _end(self, number: int, reason: str | None) -> None:
+        self._ends.append(GoalEnd(number, reason))
+        if number == self._last:
             self._is_idle.set()
         self._on_end()
 
@@ -230,7 +217,7 @@ class Ros2Navigator(OnBase):
         for end in self._goals.drain() if self._goals is not None else ():
             if wanted is None or end.number != wanted.number:
                 continue  # another goal has taken its place
-            if end.state is GoalState.ARRIVED:
+            if end.reason is None:
                 self._arrive(wanted)
                 return
             self._record(end.reason)

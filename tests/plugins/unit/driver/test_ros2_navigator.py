@@ -10,7 +10,7 @@ from robrain.agent.host.robot_file import RobotFile, RobotTable
 from robrain.plugins.device.ros2 import topic_device
 from robrain.plugins.unit.driver import ros2_navigator
 from robrain.plugins.unit.driver.interface import Motion
-from robrain.plugins.unit.driver.ros2_navigator import GoalEnd, GoalState
+from robrain.plugins.unit.driver.ros2_navigator import GoalEnd
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
 from tests.plugins.device.ros2.fake_link import Link
@@ -43,9 +43,9 @@ class Nav2:
         self.cancel()
         self.is_closed = True
 
-    def end(self, state, why=""):
+    def end(self, why):
         """The last goal ends."""
-        self.ends.append(GoalEnd(self.goals[-1][0], state, why))
+        self.ends.append(GoalEnd(self.goals[-1][0], why))
 
 
 class Robot:
@@ -130,14 +130,14 @@ def test_a_path_that_ends_where_the_one_before_does_is_no_new_goal(robot):
 
 def test_an_action_ends_with_its_goal(robot):
     robot.driver.go_to(1.0, 0.0, 0.5)
-    robot.nav2.end(GoalState.ARRIVED)
+    robot.nav2.end(None)
     robot.run(0.2)
     assert robot.ends() == [("done", "")]
 
 
 def test_the_end_of_a_goal_that_was_replaced_is_not_that_of_the_new_one(robot):
     robot.driver.drive(1.0)
-    robot.nav2.end(GoalState.CANCELLED)
+    robot.nav2.end("")
     robot.driver.drive(2.0)
     robot.run(0.2)
     assert robot.driver.motion() is Motion.DRIVING
@@ -148,12 +148,12 @@ def test_a_goal_that_fails_blocks_the_robot_and_is_sent_again_until_its_patience
     robot = build(patience_s=3.0)
     robot.driver.drive(1.0)
     for _ in range(2):
-        robot.nav2.end(GoalState.FAILED, "Nav2 does not get there: error 204")
+        robot.nav2.end("Nav2 does not get there: error 204")
         robot.run(0.3)
         assert robot.driver.motion() is Motion.BLOCKED
         assert robot.driver.blocked_reason() == "Nav2 does not get there: error 204"
         robot.run(0.9)
-    robot.nav2.end(GoalState.FAILED, "Nav2 does not get there: error 204")
+    robot.nav2.end("Nav2 does not get there: error 204")
     robot.run(0.9)
     assert len(robot.nav2.goals) == 3
     assert robot.ends() == [("failed", "Nav2 does not get there: error 204, for 3 s")]
@@ -162,7 +162,7 @@ def test_a_goal_that_fails_blocks_the_robot_and_is_sent_again_until_its_patience
 
 def test_a_robot_that_moves_on_is_not_blocked_any_more(robot):
     robot.driver.follow([Point2D(2.0, 0.0)])
-    robot.nav2.end(GoalState.FAILED, "no way")
+    robot.nav2.end("no way")
     robot.run(1.3)
     assert robot.driver.blocked_s() > 1.0
     robot.one.run(0.3, lambda: robot.stand(START, Twist2D(0.3, 0.0, 0.0)))
