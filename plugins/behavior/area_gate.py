@@ -73,7 +73,8 @@ class AreaGate:
         self._doors: dict[str, tuple[DoorState, int]] = {}
         """The last state of each door, and when it arrived."""
         self._granted: set[ZoneNames] = set()
-        self._has_requests = False
+        self.is_in_use = False
+        """Whether the robot has requested areas."""
         self._since_ns = 0
         """Time since which it waits where it waits now."""
         self.waited_at = ""
@@ -93,19 +94,14 @@ class AreaGate:
         is_usable = any(self.waited_at in area.doors for area in self._view().areas)
         return "" if is_usable and not self.has_waited_too_long else self.waited_at
 
-    @property
-    def is_in_use(self) -> bool:
-        """Whether the robot has requested areas."""
-        return self._has_requests
-
     def limit(self, ahead: Floats) -> int:
         """Request the areas on a path, release all others, and return how many of its positions (N, 2) are open."""
         last, self.wait = self.wait, None
-        if not self._view().areas and not self._has_requests:
+        if not self._view().areas and not self.is_in_use:
             return len(ahead)
         crossed = self._crossed(ahead)
         waits = self._teammates.reserve([(one.area, one.is_there) for one in crossed])
-        self._has_requests = bool(crossed)
+        self.is_in_use = bool(crossed)
         self._granted = {names for names, robots in waits.items() if not robots}
         for crossing in crossed:
             self.wait = self._wait_of(crossing, waits[crossing.area.names])

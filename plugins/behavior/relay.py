@@ -131,17 +131,15 @@ class RelayBehavior(Errand[Relay]):
         return self._result(task, relay, links, share, to_seconds(last_ns - begun_ns))
 
     def _listen(self, relay: Relay, links: dict[str, HeldLink]) -> None:
-        if relay.mote:
-            mote = next((received for received in self._snw.motes() if received.mote == relay.mote), None)
-            if mote is not None:
+        for mote in self._snw.motes():
+            if mote.mote == relay.mote:
                 links["mote"].record(mote.rssi_dbm, mote.stamp_ns)
                 links["mote"].place = mote.place
-        if relay.robot:
-            robot = next((received for received in self._snw.robots() if received.robot == relay.robot), None)
-            if robot is not None:
+        for robot in self._snw.robots():
+            if robot.robot == relay.robot:
                 links["robot"].record(robot.rssi_dbm, robot.stamp_ns)
-            teammate = next((teammate for teammate in self._others.others() if teammate.name == relay.robot), None)
-            if teammate is not None:
+        for teammate in self._others.others():
+            if teammate.name == relay.robot:
                 links["robot"].place = Point2D(teammate.pose.x_m, teammate.pose.y_m)
 
     def _result(

@@ -151,12 +151,11 @@ class KnownTeammate:
 
     Args:
         name: its name.
-        stalled_ns: a robot that is under way, waits for no other and has not moved for this time is an obstacle.
-        speed_m_s: assumed for a teammate that does not report its speed.
+        wanted: limits for silent and stalled teammates.
 
     """
 
-    def __init__(self, name: str, stalled_ns: int, speed_m_s: float) -> None:
+    def __init__(self, name: str, wanted: "Teammates.Parameters") -> None:
         self.name = name
         self.received_ns = 0
         """Time of the last reception of its state."""
@@ -178,15 +177,14 @@ class KnownTeammate:
         """Where the path ends."""
         self.claim = Claim()
         self.rank = self.claim.rank(name)
-        self.speed_m_s = speed_m_s
+        self.speed_m_s = self.default_speed_m_s = wanted.speed_m_s
         self.held_at_m: float | None = None
         self.moved_ns = 0
         """When it was last seen to move, or was given reason to."""
         self.stationary_since_ns = 0
         """Time since which it has not moved."""
         self.moved_at: Pose2D | None = None
-        self.stalled_ns = stalled_ns
-        self.default_speed_m_s = speed_m_s
+        self.stalled_ns = to_ns(wanted.stalled_s)
         self.cached: NearbyRobot | None = None
         """The last prediction; None after a newer message."""
         self.requests: Sequence[Reservation] = ()
@@ -375,7 +373,6 @@ class Teammates(Unit):
         self._began_ns: int | None = None
         self._fresh_ns = to_ns(self.parameters.fresh_s)
         self._remember_ns = to_ns(self.parameters.remember_s)
-        self._stalled_ns = to_ns(self.parameters.stalled_s)
 
     def activate(self) -> None:
         self._guard = RecordGuard(self.env.wire.refusals)
@@ -492,7 +489,7 @@ class Teammates(Unit):
             if known is None:
                 if len(all_known) >= TEAMMATES_MAX:
                     continue
-                known = all_known[name] = KnownTeammate(name, self._stalled_ns, self.parameters.speed_m_s)
+                known = all_known[name] = KnownTeammate(name, self.parameters)
             if received.topic is ROBOT_STATE:
                 states.append((known, message))
             else:

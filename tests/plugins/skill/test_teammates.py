@@ -8,6 +8,7 @@ from robrain.plugins.unit.teammates import (
     Doing,
     KnownTeammate,
     NearbyRobot,
+    Teammates,
     may_be_near,
     near,
     receive_paths,
@@ -100,7 +101,7 @@ class Watched:
     """A mate r2 that speaks to the robot that watches it."""
 
     def __init__(self) -> None:
-        self.known = KnownTeammate("r2", STALLED_S * S, 0.6)
+        self.known = KnownTeammate("r2", Teammates.Parameters(stalled_s=STALLED_S))
 
     def state(self, x_m: float, at_s: float, y_m: float = 0.0, yaw_rad: float = 0.0, **fields: object) -> None:
         state = RobotState(robot="r2", pose=Pose2D(x_m, y_m, yaw_rad), radius_m=0.2, **fields)  # type: ignore[arg-type]
