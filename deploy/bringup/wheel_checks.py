@@ -30,7 +30,7 @@ from robrain.deploy.bringup.bench import (
     TurnWheels,
 )
 from robrain.deploy.bringup.findings import BringUpOperator, CheckFinding, CheckStep, FindingKind, Patch, conclude
-from robrain.plugins.device.mocdevice.frame_map import Counted, FrameMap, FrameSignals, SignalUnit
+from robrain.plugins.device.mocdevice.frame_map import FrameMap, FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
 from robrain.plugins.device.serial_base import LineWords
 from robrain.protocol.clock import to_ns, to_seconds
@@ -393,7 +393,7 @@ def _scale(effects: list[WheelEffect], base: WheelDevice.Parameters) -> list[Che
         sentence = f"wheels turn {100 * ratio:.1f} % as far as they are commanded"
         return [scale(FindingKind.RIGHT, sentence, values=values)]
     frames = frame_map(base)
-    counts = frames is None or frames.measure is Counted.COUNTS
+    counts = frames is None or frames.measure == "counts"
     plain = next((one for one in QUADRATURE if abs(ratio / one - 1.0) < NEARLY), ratio)
     before = base.base.encoder_ticks_per_turn
     ticks = max(1, round(before * plain))

@@ -4,7 +4,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import timedelta
-from enum import StrEnum
 from typing import Annotated, Literal, Protocol
 
 import gpiod
@@ -23,16 +22,9 @@ ChipPath = Annotated[str, Meta(min_length=1, max_length=4096)]
 DEBOUNCE_S_MAX = 0.1
 
 
-class Pull(StrEnum):
-    """The chip's resistor, which decides the level of an open line."""
-
-    UP = "up"
-    DOWN = "down"
-    NONE = "none"
-    """A resistor on the board does."""
-
-
-_BIASES = {Pull.UP: Bias.PULL_UP, Pull.DOWN: Bias.PULL_DOWN, Pull.NONE: Bias.DISABLED}
+Pull = Literal["up", "down", "none"]
+"""The chip's resistor, which decides the level of an open line; `none`: a resistor on the board does."""
+_BIASES = {"up": Bias.PULL_UP, "down": Bias.PULL_DOWN, "none": Bias.DISABLED}
 
 
 class GpioAbsent(OSError):
@@ -132,7 +124,7 @@ class GpioBumpers(Device):
         contacts: Annotated[tuple[BumperContact, ...], Meta(min_length=1, max_length=CONTACTS_MAX)] = ()
         is_pressed_low: bool = True
         """Whether a pressed contact makes its line low."""
-        pull: Pull = Pull.UP
+        pull: Pull = "up"
         debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
     interface = RangeSensorsInterface
@@ -226,7 +218,7 @@ class GpioEmergencyStop(Device):
         self._lines = InputLines(
             wanted.chip,
             wanted.lines,
-            (Pull.UP if is_grounded else Pull.DOWN) if wanted.own_pull else Pull.NONE,
+            ("up" if is_grounded else "down") if wanted.own_pull else "none",
             is_low_active=not is_grounded,
             debounce_s=wanted.debounce_s,
             consumer="robrain emergency stop",

@@ -6,7 +6,6 @@ Its turn rate goes to the odometry by the board, because devices do not call eac
 import math
 import struct
 from abc import ABC, abstractmethod
-from enum import StrEnum
 from typing import Annotated, Literal
 
 import msgspec
@@ -85,21 +84,6 @@ LINE_BYTES_MAX = 256
 Column = Annotated[int, Meta(ge=0, le=63)]
 
 
-class RateUnit(StrEnum):
-    """Of a turn rate."""
-
-    RAD_S = "rad/s"
-    DEG_S = "deg/s"
-
-
-class LineChecksum(StrEnum):
-    """At a line's end."""
-
-    NONE = "none"
-    NMEA = "nmea"
-    """`*` and two hexadecimal digits: the bytes between `$` and `*` by XOR."""
-
-
 class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Format of the lines."""
 
@@ -110,10 +94,11 @@ class LineFormat(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Number of columns of a line; any other is rejected. 0: any that has those named here."""
     yaw_rate_column: Column = 0
     """The first column is 0."""
-    yaw_rate_unit: RateUnit = RateUnit.RAD_S
+    yaw_rate_unit: Literal["rad/s", "deg/s"] = "rad/s"
     acceleration_columns: tuple[Column, Column] | None = None
     """Of x and y in m/s²; none if absent."""
-    checksum: LineChecksum = LineChecksum.NONE
+    checksum: Literal["none", "nmea"] = "none"
+    """At a line's end; `nmea`: `*` and two hexadecimal digits, the bytes between `$` and `*` by XOR."""
 
 
 class ImuLineCodec(ImuCodec):
@@ -153,11 +138,11 @@ class ImuLineCodec(ImuCodec):
         except (ValueError, IndexError):
             self.rejected += 1
             return None
-        return ImuMotion(math.radians(rate) if wanted.yaw_rate_unit is RateUnit.DEG_S else rate, *accelerations)
+        return ImuMotion(math.radians(rate) if wanted.yaw_rate_unit == "deg/s" else rate, *accelerations)
 
     def _checked(self, line: bytes) -> bytes:
         """The line without its checksum (ValueError if that is wrong)."""
-        if self._wanted.checksum is LineChecksum.NONE:
+        if self._wanted.checksum == "none":
             return line
         body, star, digits = line.rpartition(b"*")
         total = 0
@@ -173,13 +158,6 @@ def _number(word: bytes) -> float:
     if not math.isfinite(value):
         raise ValueError
     return value
-
-
-class ImuProtocol(StrEnum):
-    """Protocol of the unit."""
-
-    WITMOTION = "witmotion"
-    LINES = "lines"
 
 
 class ImuCounters(msgspec.Struct, frozen=True):
@@ -200,7 +178,7 @@ class SerialImu(ImuDevice):
         port: Annotated[str, Meta(min_length=1, max_length=4096)] = "/dev/imu"
         """Such as `/dev/ttyUSB0`, or better a name that udev gives; `zenoh:imu` is the simulator's."""
         baud: Annotated[int, Meta(ge=1, le=9_999_999)] = 9600
-        protocol: ImuProtocol = ImuProtocol.WITMOTION
+        protocol: Literal["witmotion", "lines"] = "witmotion"
         lines: LineFormat = LineFormat()
         """For the protocol `lines`."""
         rate_hz: Annotated[float, Meta(gt=0, lt=10000000.0)] = 100.0
@@ -230,7 +208,7 @@ class SerialImu(ImuDevice):
             self._line = self.env.open_serial(wanted.port, wanted.baud)
         except HardwareAbsent as error:
             raise ImuAbsent(f"no IMU at {wanted.port}: {error}") from error
-        is_text = wanted.protocol is ImuProtocol.LINES
+        is_text = wanted.protocol == "lines"
         self._codec: ImuCodec = ImuLineCodec(wanted.lines) if is_text else WitMotionCodec()
         self.env.board.gyro_contradiction = None
         self._silence = Silence(to_ns(wanted.silent_s))

@@ -1,6 +1,5 @@
 """Batteries measured over I2C: a current sensor INA219, INA226 or INA228, and smart batteries (SBS 1.1)."""
 
-from enum import StrEnum
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
@@ -13,13 +12,6 @@ from robrain.plugins.device.bm2.polled_battery import PolledBattery
 
 CONFIGURATION, SHUNT, BUS = 0x00, 0x01, 0x02
 """Numbers of the registers; each holds 16 bits, the higher byte first."""
-
-
-class Chip(StrEnum):
-    """Which monitor it is."""
-
-    INA219 = "ina219"
-    INA226 = "ina226"
 
 
 class Registers(NamedTuple):
@@ -35,8 +27,8 @@ class Registers(NamedTuple):
 
 
 REGISTERS = {
-    Chip.INA219: Registers(0x3FFF, 10e-6, 4e-3, 3),  # 32 V, ±320 mV, mean of 128 samples: 136 ms
-    Chip.INA226: Registers(0x4727, 2.5e-6, 1.25e-3, 0),  # mean of 64 samples of 2 × 1.1 ms: 141 ms
+    "ina219": Registers(0x3FFF, 10e-6, 4e-3, 3),  # 32 V, ±320 mV, mean of 128 samples: 136 ms
+    "ina226": Registers(0x4727, 2.5e-6, 1.25e-3, 0),  # mean of 64 samples of 2 × 1.1 ms: 141 ms
 }
 
 
@@ -92,7 +84,7 @@ class InaBattery(I2cBattery):
     class Parameters(I2cBattery.Parameters, frozen=True, forbid_unknown_fields=True):
         """Where it is, and its shunt."""
 
-        chip: Chip = Chip.INA219
+        chip: Literal["ina219", "ina226"] = "ina219"
         address: Annotated[int, Meta(ge=0x40, le=0x4F)] = 0x40
         shunt_ohm: Annotated[float, Meta(gt=0, lt=1000.0)] = 0.1
         """Of the resistor that the current flows through; 0.1 on the usual boards."""
@@ -104,7 +96,7 @@ class InaBattery(I2cBattery):
     parameters: Parameters
 
     def init(self) -> None:
-        self._registers, self.name = REGISTERS[self.parameters.chip], str(self.parameters.chip)
+        self._registers, self.name = REGISTERS[self.parameters.chip], self.parameters.chip
         super().init()
 
     def configure(self, smbus: SMBus) -> None:

@@ -57,15 +57,6 @@ def each_of(values: tuple[T, ...], number: int) -> tuple[T, ...]:
     return values * number if len(values) == 1 else values
 
 
-class Counted(StrEnum):
-    """Meaning of an encoder signal."""
-
-    COUNTS = "counts"
-    """Counts that wrap with the signal's length."""
-    SPEED = "speed"
-    """Speeds, which are added up by the frames' times; less exact, as the speed between two frames is not known."""
-
-
 class Checksum(StrEnum):
     """Of the bytes before the last, in the last byte."""
 
@@ -124,7 +115,9 @@ class FrameMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         FrameSignals(frame="WheelEncoders", signals=("wheel_1_ticks", "wheel_2_ticks", "wheel_3_ticks")),
     )
     """Frames that are received, in any order; together they are the counts. `units` are for `measure = "speed"`."""
-    measure: Counted = Counted.COUNTS
+    measure: Literal["counts", "speed"] = "counts"
+    """Of an encoder signal. Counts wrap with its length. Speeds are added up by the frames' times, which is less
+    exact, as the speed between two frames is not known."""
     stop: StopFrame = StopFrame(frame="Stop", values={"latched": 0})
     status: StatusFrame = StatusFrame(frame="MotorStatus")
     counter: str = "counter"

@@ -14,7 +14,6 @@ import msgspec
 from robrain.algorithms.navigation.wheel_bases import Ackermann
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.frame_map import (
-    Counted,
     FrameMap,
     FrameSignals,
     OtherPart,
@@ -64,7 +63,7 @@ class WheelFrames:
 
     def __init__(self, wanted: FrameMap, commands: int, wheels: int, wheel_radius_m: float) -> None:
         dbc = read_dbc(wanted.dbc)
-        is_speed = wanted.measure is Counted.SPEED
+        is_speed = wanted.measure == "speed"
 
         def codecs(what: str, frame: str, signals: tuple[str, ...]) -> list[Codec]:
             try:

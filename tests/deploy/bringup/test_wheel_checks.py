@@ -24,7 +24,7 @@ from robrain.deploy.bringup.wheel_checks import (
 )
 from robrain.plugins.device.mocdevice.frame_map import FrameSignals, SignalUnit
 from robrain.plugins.device.mocdevice.wheel_device import WheelDevice
-from robrain.plugins.device.serial_imu import ImuProtocol, LineFormat, RateUnit, SerialImu
+from robrain.plugins.device.serial_imu import LineFormat, SerialImu
 from robrain.protocol.clock import to_ns
 from robrain.protocol.model.geometry import Pose2D
 
@@ -168,8 +168,8 @@ def lines(unit: str) -> dict[str, Any]:
     }
 
 
-def of_lines(unit: RateUnit) -> SerialImu.Parameters:
-    return SerialImu.Parameters(protocol=ImuProtocol.LINES, lines=LineFormat(columns=3, yaw_rate_unit=unit))
+def of_lines(unit: str) -> SerialImu.Parameters:
+    return SerialImu.Parameters(protocol="lines", lines=LineFormat(columns=3, yaw_rate_unit=unit))
 
 
 @pytest.mark.parametrize(
@@ -177,11 +177,11 @@ def of_lines(unit: RateUnit) -> SerialImu.Parameters:
     [
         (SerialImu.Parameters(), 1.0 + 0.9 * SCALE_TOLERANCE, [{}]),
         (SerialImu.Parameters(), 1.0 + 1.1 * SCALE_TOLERANCE, [{}]),
-        (of_lines(RateUnit.RAD_S), 57.3, [lines("deg/s")]),
-        (of_lines(RateUnit.DEG_S), 1 / 57.3, [lines("rad/s")]),
-        (of_lines(RateUnit.DEG_S), 57.3, [{}]),
-        (of_lines(RateUnit.RAD_S), 2.0, [{}]),
-        (of_lines(RateUnit.RAD_S), -57.3, [{"imu": {"upside_down": True}}, lines("deg/s")]),
+        (of_lines("rad/s"), 57.3, [lines("deg/s")]),
+        (of_lines("deg/s"), 1 / 57.3, [lines("rad/s")]),
+        (of_lines("deg/s"), 57.3, [{}]),
+        (of_lines("rad/s"), 2.0, [{}]),
+        (of_lines("rad/s"), -57.3, [{"imu": {"upside_down": True}}, lines("deg/s")]),
         (SerialImu.Parameters(upside_down=True), -1.0, [{"imu": {"upside_down": False}}]),
         (SimpleNamespace(), -1.0, [{}]),
     ],

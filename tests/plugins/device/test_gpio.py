@@ -9,7 +9,7 @@ import pytest
 
 from robrain.agent.authoring.testing import PluginBench
 from robrain.plugins.device import gpio
-from robrain.plugins.device.gpio import BumperContact, GpioAbsent, GpioBumpers, GpioEmergencyStop, Pull
+from robrain.plugins.device.gpio import BumperContact, GpioAbsent, GpioBumpers, GpioEmergencyStop
 from robrain.plugins.device.range_sensors import Bump
 from robrain.protocol.errors import CallError
 from robrain.protocol.links.inbox import Inbox
@@ -54,7 +54,7 @@ def test_each_change_of_the_contacts_is_told_once(bumpers: BareDevice, chip: Gpi
 
 
 def test_contacts_to_the_supply_are_pressed_when_they_are_high(chip: GpioChip) -> None:
-    one = BareDevice(GpioBumpers, contacts=CONTACTS, is_pressed_low=False, pull=Pull.DOWN)
+    one = BareDevice(GpioBumpers, contacts=CONTACTS, is_pressed_low=False, pull="down")
     one.it.activate()
     one.step()
     assert one.it.pressed_rad() == ()

@@ -16,8 +16,6 @@ from robrain.plugins.device.serial_imu import (
     ANGULAR_VELOCITY_RAD_S,
     FRAME_BYTES,
     ImuLineCodec,
-    ImuProtocol,
-    LineChecksum,
     LineFormat,
     SerialImu,
     WitMotionCodec,
@@ -82,7 +80,7 @@ def test_lines_that_are_no_numbers_are_rejected(line: bytes) -> None:
 
 
 def test_lines_with_a_wrong_checksum_are_rejected() -> None:
-    codec = ImuLineCodec(LineFormat(prefix="$G,", checksum=LineChecksum.NMEA))
+    codec = ImuLineCodec(LineFormat(prefix="$G,", checksum="nmea"))
     good = nmea("G,0.125")
     spoiled = [good[:index] + bytes((good[index] ^ 1,)) + good[index + 1 :] for index in range(1, len(good) - 2)]
     assert codec.feed(b"\n" + good + b"".join(spoiled) + b"$G,0.125\n" + good) == [ImuMotion(0.125)] * 2
@@ -145,7 +143,7 @@ def test_a_unit_upside_down_that_looks_to_the_left_is_put_right(unit: Any) -> No
 
 
 def test_a_rate_that_no_unit_measures_is_rejected(unit: Any) -> None:
-    one = unit(protocol=ImuProtocol.LINES)
+    one = unit(protocol="lines")
     assert one.say(b"\n0.5\n1e9\n").yaw_rate_rad_s == 0.5
     assert one.device.it.counters().rejected == 1
 

@@ -12,7 +12,6 @@ import pytest
 from robrain.algorithms.navigation.wheel_bases import Differential
 from robrain.plugins.device.mocdevice.frame_map import (
     Checksum,
-    Counted,
     FrameMap,
     FrameSignals,
     OtherPart,
@@ -155,7 +154,7 @@ def own(tmp_path: Path) -> FrameMap:
         dbc=str(path),
         commands=(FrameSignals(frame="Speeds", signals=("left", "right"), units=(SignalUnit.M_S,), signs=(-1, 1)),),
         encoders=(FrameSignals(frame="Measured", signals=("left", "right"), signs=(-1, 1)),),
-        measure=Counted.SPEED,
+        measure="speed",
         stop=StopFrame(frame="Halt", values={"brake": 1}),
         status=StatusFrame(frame=""),
         counter="alive",
