@@ -27,7 +27,6 @@ A call that starts another action supersedes the running one; so does a call of 
 """
 
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robrain.agent.event import Event
@@ -44,20 +43,12 @@ NS_PER_MS = 1_000_000
 class Action:
     """One action; made by `Actions.start`. Calls after its end do nothing."""
 
-    def __init__(
-        self,
-        action_id: ActionId,
-        env: "Environment",
-        progress: Event[ActionProgress],
-        end: "Callable[[Action, ActionEnd], None]",
-    ) -> None:
+    def __init__(self, action_id: ActionId, actions: "Actions") -> None:
         self.id = action_id
         self.end: ActionEnd | None = None
         """None while it is running."""
-        self._env = env
-        self._progress = progress
-        self._end = end
-        self._publish_ns = env.clock.now_ns() + PROGRESS_PERIOD_NS
+        self._actions = actions
+        self._publish_ns = actions.env.clock.now_ns() + PROGRESS_PERIOD_NS
 
     @property
     def is_running(self) -> bool:
@@ -66,18 +57,18 @@ class Action:
 
     def progress(self, share: float) -> None:
         """Report progress, 0 to 1; may be called at any rate, and is notified at most twice a second."""
-        now_ns = self._env.clock.now_ns()
+        now_ns = self._actions.env.clock.now_ns()
         if self.is_running and now_ns >= self._publish_ns:
             self._publish_ns = now_ns + PROGRESS_PERIOD_NS
-            self._progress.notify(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
+            self._actions.progress.notify(ActionProgress(action=self.id, share=min(max(share, 0.0), 1.0)))
 
     def done(self, result: Any = None) -> None:
         """It has come to its end."""
-        self._end(self, ActionEnd(action=self.id, outcome=Outcome.DONE, result=result))
+        self._actions.end(self, ActionEnd(action=self.id, outcome=Outcome.DONE, result=result))
 
     def fail(self, reason: str) -> None:
         """It cannot be brought to its end."""
-        self._end(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=reason))
+        self._actions.end(self, ActionEnd(action=self.id, outcome=Outcome.FAILED, why=reason))
 
     def supersede(self, by: str = "") -> None:
         """Another action, or another call, has taken its place.
@@ -86,13 +77,13 @@ class Action:
             by: name of that; the plugin of the current call if empty.
 
         """
-        by = by or self._env.caller or "a call from outside"
+        by = by or self._actions.env.caller or "a call from outside"
         end = ActionEnd(action=self.id, outcome=Outcome.SUPERSEDED, why=f"superseded by {by}", by=by)
-        self._end(self, end)
+        self._actions.end(self, end)
 
     def cancel(self, reason: str) -> None:
         """It is not wanted any more."""
-        self._end(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=reason))
+        self._actions.end(self, ActionEnd(action=self.id, outcome=Outcome.CANCELLED, why=reason))
 
 
 class Actions:
@@ -106,8 +97,8 @@ class Actions:
     """
 
     def __init__(self, env: "Environment", progress: Event[ActionProgress], finished: Event[ActionEnd]) -> None:
-        self._env = env
-        self._progress = progress
+        self.env = env
+        self.progress = progress
         self._finished = finished
         self._lock = threading.Lock()
         self._running: dict[str, Action] = {}
@@ -119,11 +110,11 @@ class Actions:
         """A new action, named `NAME-NUMBER`."""
         with self._lock:
             self._count += 1
-            action = Action(ActionId(f"{name}-{self._count}"), self._env, self._progress, self._end)
+            action = Action(ActionId(f"{name}-{self._count}"), self)
             before = list(self._running.values())
             self._running[action.id] = action
         for other in before:
-            other.supersede(self._env.caller or action.id)
+            other.supersede(self.env.caller or action.id)
         return action
 
     def running(self) -> list[Action]:
@@ -145,8 +136,8 @@ class Actions:
         for action in self.running():
             action.cancel(reason)
 
-    def _end(self, action: Action, end: ActionEnd) -> None:
-        """Of two threads that end one, the first decides."""
+    def end(self, action: Action, end: ActionEnd) -> None:
+        """An action has ended; of two threads that end one, the first decides."""
         with self._lock:
             if self._running.pop(action.id, None) is None:
                 return
