@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import rclpy.serialization
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from robrain.plugins.device.ros2.link import Ros2Link, Ros2Publisher, Ros2Subscription
+from robrain.plugins.device.ros2.link import Ros2Inbox, Ros2Link, Ros2Publisher
 from robrain.protocol.ros2.errors import BadCdr
 from robrain.protocol.ros2.message_types import MessageType, ServiceType
 from robrain.protocol.ros2.qos import RELIABLE, Qos, Reliability
@@ -101,7 +101,7 @@ class RclpyWriter(Generic[M]):
 class RclpyReader(Generic[M]):
     """See Reader; without a subscription no messages come."""
 
-    def __init__(self, kind: MessageType[M], subscription: Ros2Subscription[bytes] | None) -> None:
+    def __init__(self, kind: MessageType[M], subscription: Ros2Inbox[bytes] | None) -> None:
         self.refused = 0
         self._kind, self._subscription = kind, subscription
 

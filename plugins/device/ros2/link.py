@@ -86,6 +86,9 @@ class Ros2Inbox(Generic[M]):
 
     """
 
+    close: Callable[[], object]
+    """Unsubscribes."""
+
     def __init__(self, on_arrival: Callable[[], None]) -> None:
         self.dropped = 0
         self._on_arrival = on_arrival
@@ -154,7 +157,7 @@ class Ros2Link:
 
     def subscribe(
         self, kind: type[Any], topic: str, qos: Any, on_arrival: Callable[[], None], *, raw: bool = False
-    ) -> "Ros2Subscription[Any]":
+    ) -> Ros2Inbox[Any]:
         """Subscribe to a topic.
 
         Args:
@@ -165,7 +168,15 @@ class Ros2Link:
             raw: messages are taken as their bytes.
 
         """
-        return self.do(lambda: Ros2Subscription(self, kind, topic, qos, on_arrival, raw=raw))
+        inbox, clock = Ros2Inbox[Any](on_arrival), LiveClock()
+
+        def receive(message: Any, info: dict[str, int | None]) -> None:
+            arrived_ns = clock.of_wall_ns(info["received_timestamp"] or time.time_ns())
+            inbox.put(message, arrived_ns, info["publication_sequence_number"] or 0)
+
+        subscription = self.do(lambda: self.node.create_subscription(kind, topic, receive, qos, raw=raw))
+        inbox.close = lambda: self.end(lambda: self.node.destroy_subscription(subscription))
+        return inbox
 
     def publisher(self, kind: type[Any], topic: str, qos: Any) -> "Ros2Publisher":
         """Publish on a topic; arguments as for `subscribe`."""
@@ -265,35 +276,6 @@ class Ros2Link:
             for key in [key for key, link in _links.items() if link is self]:
                 del _links[key]
             return True
-
-
-class Ros2Subscription(Ros2Inbox[M]):
-    """Messages of a topic; see `Ros2Link.subscribe`."""
-
-    def __init__(
-        self,
-        link: Ros2Link,
-        kind: type[Any],
-        topic: str,
-        qos: Any,
-        on_arrival: Callable[[], None],
-        *,
-        raw: bool = False,
-    ) -> None:
-        super().__init__(on_arrival)
-        self._link = link
-
-        clock = LiveClock()
-
-        def receive(message: M, info: dict[str, int | None]) -> None:
-            arrived_ns = clock.of_wall_ns(info["received_timestamp"] or time.time_ns())
-            self.put(message, arrived_ns, info["publication_sequence_number"] or 0)
-
-        self._subscription = link.node.create_subscription(kind, topic, receive, qos, raw=raw)
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._link.end(lambda: self._link.node.destroy_subscription(self._subscription))
 
 
 class Ros2Publisher:

@@ -8,7 +8,7 @@ from rclpy.qos import qos_profile_sensor_data
 from robrain.agent.errors import PluginError
 from robrain.agent.plugin import Device, external
 from robrain.plugins.device.mocdevice.frame_clock import LeastDelay
-from robrain.plugins.device.ros2.link import Ros2Link, Ros2Parameters, Ros2Subscription, open_link
+from robrain.plugins.device.ros2.link import Ros2Inbox, Ros2Link, Ros2Parameters, open_link
 from robrain.protocol.clock import NS_PER_S, to_ns
 
 LATENCY_MAX_NS = to_ns(0.5)
@@ -69,7 +69,7 @@ class TopicDevice(Device):
 
     parameters: Ros2Parameters
     _link: Ros2Link | None = None
-    _inbox: Ros2Subscription[Any] | None = None
+    _inbox: Ros2Inbox[Any] | None = None
     _rejected = 0
     _rejection = ""
     """Of the last message that was rejected."""
