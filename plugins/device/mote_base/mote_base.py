@@ -2,13 +2,13 @@
 
 import socket
 from collections import deque
-from collections.abc import Callable
 from typing import Annotated, Literal
 
 import msgspec
 import serial
 from msgspec import Meta
 
+from robrain.agent.environment import Environment
 from robrain.agent.errors import HardwareAbsent, PluginError
 from robrain.agent.event import Event
 from robrain.agent.plugin import Device, external
@@ -23,7 +23,6 @@ from robrain.protocol.serial.serial_line import write_at_once
 from robrain.protocol.tinyos.packet import ActiveMessage, BadPacket
 from robrain.protocol.tinyos.serial_forwarder import DEFAULT_PORT, GREETING, BadGreeting, PacketDecoder, encode
 from robrain.protocol.tinyos.serial_line import SerialLink
-from robrain.protocol.wire.endpoint import Endpoint
 
 
 class LineAbsent(OSError):
@@ -81,10 +80,7 @@ class SerialLineLink(PacketLink):
     """A base station's serial line.
 
     Args:
-        device: such as `/dev/ttyUSB0`.
-        baud: bits a second (57,600 on a Mica2).
-        ack_timeout_ns: how long the base station's acknowledgement is waited for.
-        resends: how often a packet is sent again.
+        wanted: the line, and how often a packet is sent again.
         backoff: when to open the line again.
 
     Raises:
@@ -93,12 +89,12 @@ class SerialLineLink(PacketLink):
 
     """
 
-    def __init__(self, device: str, baud: int, *, ack_timeout_ns: int, resends: int, backoff: Backoff) -> None:
-        super().__init__(device, backoff)
-        self._baud = baud
+    def __init__(self, wanted: "MoteBase.Parameters", backoff: Backoff) -> None:
+        super().__init__(wanted.device, backoff)
+        self._baud = wanted.baud
         self._reopened = 0
         self._left = b""
-        self._link = SerialLink(ack_timeout_ns=ack_timeout_ns, resends=resends)
+        self._link = SerialLink(ack_timeout_ns=to_ns(wanted.ack_timeout_s), resends=wanted.resends)
         self._port: serial.Serial | None = self._open()
 
     def receive(self, now_ns: int) -> list[bytes]:
@@ -168,21 +164,17 @@ class SimulatedAirLink(PacketLink):
     """A robot's place in the simulated air; it ends with the endpoint.
 
     Args:
-        wire: the plugin's own endpoint.
-        robot: whose base station it is.
+        env: the plugin's environment.
         capacity: packets that may wait for the next step.
-        wake: called when a packet has arrived.
 
     """
 
-    def __init__(
-        self, wire: Endpoint, robot: str, capacity: int, backoff: Backoff, wake: Callable[[], None] | None = None
-    ) -> None:
+    def __init__(self, env: Environment, capacity: int, backoff: Backoff) -> None:
         super().__init__("the simulated air", backoff)
         self._inbox = Inbox(capacity)
-        self._inbox.on_arrival = wake
-        self._publisher = wire.publisher(ARENA_RADIO_TX, robot=robot)
-        wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=robot)
+        env.wake_on(self._inbox)
+        self._publisher = env.wire.publisher(ARENA_RADIO_TX, robot=env.robot)
+        env.wire.subscribe(self._inbox, ARENA_RADIO_RX, robot=env.robot)
 
     def receive(self, now_ns: int) -> list[bytes]:
         """Packets since the last step."""
@@ -203,11 +195,8 @@ class SfLink(PacketLink):
     """A client of a Serial Forwarder.
 
     Args:
-        host: where it runs.
-        port: where it listens.
-        capacity: packets that are taken in a step; the oldest of more are dropped.
+        wanted: where it listens, how many packets are taken in a step, and how long the first greeting may take.
         backoff: when to connect again.
-        timeout_s: how long the first connection and its greeting may take.
 
     Raises:
         OSError: no server listens there, or none greets in time.
@@ -215,14 +204,15 @@ class SfLink(PacketLink):
 
     """
 
-    def __init__(self, host: str, port: int, *, capacity: int, backoff: Backoff, timeout_s: float) -> None:
-        super().__init__(f"{host}:{port}", backoff)
+    def __init__(self, wanted: "MoteBase.Parameters", backoff: Backoff) -> None:
+        super().__init__(f"{wanted.host}:{wanted.port}", backoff)
         self._unsent = self._reconnects = 0
-        self._capacity = capacity
+        self._capacity = wanted.inbox_packets
         self._to_send = b""
         self._decoder = PacketDecoder()
         self._early: list[bytes] = []
-        self._socket: socket.socket | None = socket.create_connection((host, port), timeout=timeout_s)
+        address, timeout_s = (wanted.host, wanted.port), wanted.connect_timeout_s
+        self._socket: socket.socket | None = socket.create_connection(address, timeout=timeout_s)
         try:
             self._address = self._socket.getpeername()
             self._family = self._socket.family
@@ -526,18 +516,11 @@ class MoteBase(Device):
     def _open_link(self) -> PacketLink:
         wanted, backoff = self.parameters, self._backoff
         if wanted.interface == "zenoh":
-            wire, robot = self.env.wire, self.env.robot
-            return SimulatedAirLink(wire, robot, wanted.inbox_packets, backoff, self.env.hurry)
+            return SimulatedAirLink(self.env, wanted.inbox_packets, backoff)
         is_serial = wanted.interface == "serial"
         what = f"base station at {wanted.device}" if is_serial else f"Serial Forwarder at {wanted.host}:{wanted.port}"
         try:
-            if is_serial:
-                ack_timeout_ns = to_ns(wanted.ack_timeout_s)
-                return SerialLineLink(
-                    wanted.device, wanted.baud, ack_timeout_ns=ack_timeout_ns, resends=wanted.resends, backoff=backoff
-                )
-            capacity, timeout_s = wanted.inbox_packets, wanted.connect_timeout_s
-            return SfLink(wanted.host, wanted.port, capacity=capacity, backoff=backoff, timeout_s=timeout_s)
+            return SerialLineLink(wanted, backoff) if is_serial else SfLink(wanted, backoff)
         except (OSError, BadGreeting) as error:
             raise LineAbsent(f"no {what}: {error}") from error
         except ValueError as error:  # a line that is never as fast as that

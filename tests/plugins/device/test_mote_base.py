@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, SfLink
+from robrain.plugins.device.mote_base.mote_base import MAX_UNSENT_BYTES, MoteBase, SfLink
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_EVENT
 from robrain.protocol.messages.robots.robot_messages import ROBOT_STATE
@@ -223,7 +223,8 @@ class Clogged:
 
 def test_while_a_forwarder_takes_nothing_so_many_bytes_wait_and_packets_beyond_are_counted_as_unsent(monkeypatch):
     monkeypatch.setattr(socket, "create_connection", Clogged)
-    link = SfLink("127.0.0.1", 9002, capacity=10, backoff=Backoff(1.0, 10.0), timeout_s=1.0)
+    wanted = MoteBase.Parameters(port=9002, inbox_packets=10, connect_timeout_s=1.0)
+    link = SfLink(wanted, Backoff(1.0, 10.0))
     for _ in range(MAX_UNSENT_BYTES // 256):
         link.send(bytes(255), 0)  # 256 bytes with its length
     link.send(SENT, 0)

@@ -3,7 +3,7 @@
 import pytest
 
 from robrain.plugins.device.mote_base import mote_base
-from robrain.plugins.device.mote_base.mote_base import SerialLineLink
+from robrain.plugins.device.mote_base.mote_base import MoteBase, SerialLineLink
 from robrain.protocol.backoff import Backoff
 from robrain.protocol.clock import NS_PER_S
 from robrain.protocol.tinyos.serial_line import frame
@@ -56,7 +56,7 @@ def socket(monkeypatch):
 
 
 def line():
-    return SerialLineLink("/dev/ttyUSB0", 57_600, ack_timeout_ns=NS_PER_S, resends=3, backoff=Backoff(1.0, 4.0))
+    return SerialLineLink(MoteBase.Parameters(ack_timeout_s=1.0), Backoff(1.0, 4.0))
 
 
 def test_line_that_was_pulled_out_is_opened_again_when_it_is_due(socket):
