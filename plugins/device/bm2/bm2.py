@@ -1,8 +1,7 @@
 """Battery manager node: voltage, current, temperature and perhaps the state of charge over CAN."""
 
 import math
-from enum import StrEnum
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal
 
 import can
 import msgspec
@@ -30,37 +29,22 @@ RECENT_NS = to_ns(5.0)
 """Values that another frame reported longer ago than this are not combined with a measurement."""
 
 
-class PackValue(StrEnum):
-    """Meaning of a signal, and its unit."""
-
-    VOLTAGE_V = "voltage V"
-    VOLTAGE_MV = "voltage mV"
-    CURRENT_A = "current A"
-    """Positive while discharging; see `current_sign`."""
-    CURRENT_MA = "current mA"
-    TEMPERATURE_C = "temperature °C"
-    TEMPERATURE_K = "temperature K"
-    SOC = "soc"
-    """0 to 1."""
-    SOC_PERCENT = "soc %"
-
-    @property
-    def field(self) -> str:
-        """Name of the quantity, without the unit."""
-        return self.partition(" ")[0]
-
-    @property
-    def scale(self) -> tuple[float, float]:
-        """Factor and offset from the signal to V, A, °C, or a share from 0 to 1."""
-        return _SCALES.get(self, (1.0, 0.0))
-
-
-_SCALES = {
-    PackValue.VOLTAGE_MV: (1e-3, 0.0),
-    PackValue.CURRENT_MA: (1e-3, 0.0),
-    PackValue.SOC_PERCENT: (1e-2, 0.0),
-    PackValue.TEMPERATURE_K: (1.0, -273.15),
+PackValue = Literal[
+    "voltage V", "voltage mV", "current A", "current mA", "temperature °C", "temperature K", "soc", "soc %"
+]
+"""Meaning of a signal, and its unit; `soc` is 0 to 1. Currents are positive while discharging; see `current_sign`."""
+Quantity = tuple[str, float, float]
+QUANTITIES: dict[PackValue, Quantity] = {
+    "voltage V": ("voltage", 1.0, 0.0),
+    "voltage mV": ("voltage", 1e-3, 0.0),
+    "current A": ("current", 1.0, 0.0),
+    "current mA": ("current", 1e-3, 0.0),
+    "temperature °C": ("temperature", 1.0, 0.0),
+    "temperature K": ("temperature", 1.0, -273.15),
+    "soc": ("soc", 1.0, 0.0),
+    "soc %": ("soc", 1e-2, 0.0),
 }
+"""Its quantity, and factor and offset to V, A, °C, or a share from 0 to 1."""
 
 
 class BatteryFrame(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -82,9 +66,9 @@ class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
         BatteryFrame(
             frame="BatteryStatus",
             signals={
-                "voltage_v": PackValue.VOLTAGE_V,
-                "current_a": PackValue.CURRENT_A,
-                "temperature_c": PackValue.TEMPERATURE_C,
+                "voltage_v": "voltage V",
+                "current_a": "current A",
+                "temperature_c": "temperature °C",
             },
         ),
     )
@@ -101,102 +85,9 @@ class BatteryMap(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        fields = [quantity.field for one in self.frames for quantity in one.signals.values()]
+        fields = [QUANTITIES[meaning][0] for one in self.frames for meaning in one.signals.values()]
         if len(fields) != len(set(fields)) or "voltage" not in fields:
             raise ValueError(f"frames: expected a voltage and each quantity once, got {', '.join(fields)}")
-
-
-class _Read(NamedTuple):
-    """Decoding of one frame."""
-
-    codec: FrameCodec | SignalFrame
-    signals: tuple[tuple[str, float, float], ...]
-    """Of each signal the quantity, and factor and offset to its unit."""
-    has_voltage: bool
-
-
-class BatteryFrames:
-    """The codecs of a map, and the values that its frames reported last.
-
-    Args:
-        wanted: the map.
-
-    Raises:
-        ValueError: naming the frame or signal that the DBC file does not have.
-
-    """
-
-    def __init__(self, wanted: BatteryMap) -> None:
-        dbc = read_dbc(wanted.dbc)
-        self._codecs: dict[int, list[_Read]] = {}
-        """The parts of each frame: several if it is multiplexed."""
-        for one in wanted.frames:
-            try:
-                parts = signal_frames(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
-            except ValueError as error:
-                raise ValueError(f"battery.frames: {error}") from error
-            if parts[0].arbitration_id in self._codecs:
-                raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
-            for codec in parts:
-                quantities = [one.signals[name] for name in codec.signals]
-                read = _Read(
-                    codec,
-                    tuple((quantity.field, *quantity.scale) for quantity in quantities),
-                    any(quantity.field == "voltage" for quantity in quantities),
-                )
-                self._codecs.setdefault(codec.arbitration_id, []).append(read)
-        self._wanted = wanted
-        fields = {quantity.field for one in wanted.frames for quantity in one.signals.values()}
-        self._has_current, self._has_soc = "current" in fields, "soc" in fields
-        self._reported: dict[str, tuple[float, int]] = {}
-        """Value and stamp of each quantity."""
-
-    @property
-    def filters(self) -> "can.typechecking.CanFilters":
-        """python-can's filters for these frames alone."""
-        return [
-            {"can_id": identifier & ID_MASK, "can_mask": ID_MASK, "extended": True}
-            if identifier & EXTENDED
-            else {"can_id": identifier, "can_mask": 0x7FF, "extended": False}
-            for identifier in self._codecs
-        ]
-
-    def read(self, frame: Frame) -> Reading | None:
-        """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
-        for known in self._codecs.get(frame.identifier, ()):
-            try:
-                return self._read(known, known.codec.decode(frame.data), frame.stamp_ns)
-            except OtherPart:
-                continue
-        return None
-
-    def _read(self, known: _Read, values: tuple[float, ...], stamp_ns: int) -> Reading | None:
-        codec, signals, has_voltage = known
-        if not all(map(math.isfinite, values)):
-            raise BadFrame(f"{codec.name}: expected finite values, got {values}")
-        for (field, factor, offset), value in zip(signals, values, strict=False):
-            self._reported[field] = factor * value + offset, stamp_ns
-        if not has_voltage:
-            return None
-        current_a = self._recent("current", stamp_ns)
-        if self._has_current and current_a is None:
-            return None  # the frame with the current has not come, or has stopped
-        wanted = self._wanted
-        try:
-            return plausible(
-                self._reported["voltage"][0],
-                None if current_a is None else wanted.current_sign * current_a,
-                self._recent("temperature", stamp_ns),
-                self._recent("soc", stamp_ns),
-                assumed_a=None if self._has_current else wanted.current_a,
-                soc_sd=wanted.soc_sd if self._has_soc or not self._has_current else None,
-            )
-        except BadReading as error:
-            raise BadFrame(f"{codec.name}: {error}") from error
-
-    def _recent(self, field: str, stamp_ns: int) -> float | None:
-        value, reported_ns = self._reported.get(field, (None, 0))
-        return value if abs(stamp_ns - reported_ns) <= RECENT_NS else None
 
 
 class Bm2(BatteryDevice):
@@ -217,11 +108,33 @@ class Bm2(BatteryDevice):
     def init(self) -> None:
         self._bus: can.BusABC | None = None
         self._port: FramePort | None = None
-        self._frames = BatteryFrames(self.parameters.battery)
         self._rejected = 0
+        wanted = self.parameters.battery
+        dbc, self._codecs = read_dbc(wanted.dbc), dict[int, list[tuple[FrameCodec | SignalFrame, list[Quantity]]]]()
+        """The parts of each frame, several if it is multiplexed, with the quantities of their signals."""
+        for one in wanted.frames:
+            try:
+                parts = signal_frames(dbc, one.frame, tuple(one.signals), wanted.counter, wanted.checksum)
+            except ValueError as error:
+                raise ValueError(f"battery.frames: {error}") from error
+            if parts[0].arbitration_id in self._codecs:
+                raise ValueError(f"battery.frames: expected each frame once, got {one.frame} again")
+            self._codecs[parts[0].arbitration_id] = [
+                (codec, [QUANTITIES[one.signals[name]] for name in codec.signals]) for codec in parts
+            ]
+        fields = {QUANTITIES[meaning][0] for one in wanted.frames for meaning in one.signals.values()}
+        self._has_current, self._has_soc = "current" in fields, "soc" in fields
+        self._reported: dict[str, tuple[float, int]] = {}
+        """Value and stamp of each quantity."""
 
     def activate(self) -> None:
-        wanted, filters = self.parameters, self._frames.filters
+        wanted = self.parameters
+        filters: can.typechecking.CanFilters = [
+            {"can_id": identifier & ID_MASK, "can_mask": ID_MASK, "extended": True}
+            if identifier & EXTENDED
+            else {"can_id": identifier, "can_mask": 0x7FF, "extended": False}
+            for identifier in self._codecs
+        ]
         self._bus = self.env.open_can(wanted.interface, wanted.channel, can_filters=filters, **wanted.options)
         self._port = frame_port(self._bus)
 
@@ -230,7 +143,7 @@ class Bm2(BatteryDevice):
             return
         for frame in self._port.read_frames():
             try:
-                reading = self._frames.read(frame)
+                reading = self._read(frame)
             except BadFrame:
                 self._rejected += 1
                 continue
@@ -246,3 +159,40 @@ class Bm2(BatteryDevice):
     def rejected(self) -> int:
         """Frames that were rejected: wrong length or checksum."""
         return self._rejected
+
+    def _read(self, frame: Frame) -> Reading | None:
+        """The measurement that a frame completes, if it does (BadFrame: wrong length or checksum, or no number)."""
+        for codec, quantities in self._codecs.get(frame.identifier, ()):
+            try:
+                values = codec.decode(frame.data)
+            except OtherPart:
+                continue
+            if not all(map(math.isfinite, values)):
+                raise BadFrame(f"{codec.name}: expected finite values, got {values}")
+            has_voltage = False
+            for (field, factor, offset), value in zip(quantities, values, strict=False):
+                self._reported[field] = factor * value + offset, frame.stamp_ns
+                has_voltage |= field == "voltage"
+            return self._measurement(codec.name, frame.stamp_ns) if has_voltage else None
+        return None
+
+    def _measurement(self, frame: str, stamp_ns: int) -> Reading | None:
+        current_a = self._recent("current", stamp_ns)
+        if self._has_current and current_a is None:
+            return None  # the frame with the current has not come, or has stopped
+        wanted = self.parameters.battery
+        try:
+            return plausible(
+                self._reported["voltage"][0],
+                None if current_a is None else wanted.current_sign * current_a,
+                self._recent("temperature", stamp_ns),
+                self._recent("soc", stamp_ns),
+                assumed_a=None if self._has_current else wanted.current_a,
+                soc_sd=wanted.soc_sd if self._has_soc or not self._has_current else None,
+            )
+        except BadReading as error:
+            raise BadFrame(f"{frame}: {error}") from error
+
+    def _recent(self, field: str, stamp_ns: int) -> float | None:
+        value, reported_ns = self._reported.get(field, (None, 0))
+        return value if abs(stamp_ns - reported_ns) <= RECENT_NS else None

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.energy.battery_report import BatteryReport
 from robrain.plugins.device.bm2 import i2c_battery
-from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2, PackValue
+from robrain.plugins.device.bm2.bm2 import BatteryFrame, BatteryMap, Bm2
 from robrain.plugins.device.bm2.i2c_battery import REGISTERS, InaBattery, SmartBattery, SmartBatteryStatus
 from robrain.plugins.device.bm2.interface import ASSUMED_C, plausible
 from robrain.plugins.device.bm2.polled_battery import BatteryAbsent, PowerSupply
@@ -300,8 +300,8 @@ SIG_VALTYPE_ 851 volts : 1;
 """
 MAP: dict[str, Any] = {
     "frames": (
-        BatteryFrame(frame="Pack1", signals={"voltage": PackValue.VOLTAGE_MV, "current": PackValue.CURRENT_MA}),
-        BatteryFrame(frame="Pack2", signals={"soc": PackValue.SOC_PERCENT, "kelvin": PackValue.TEMPERATURE_K}),
+        BatteryFrame(frame="Pack1", signals={"voltage": "voltage mV", "current": "current mA"}),
+        BatteryFrame(frame="Pack2", signals={"soc": "soc %", "kelvin": "temperature K"}),
     ),
     "counter": "",
     "checksum": Checksum.NONE,
@@ -344,7 +344,7 @@ def test_what_one_frame_no_longer_tells_is_not_taken_with_another(tmp_path: Path
 
 
 def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> None:
-    frame = BatteryFrame(frame="Pack2", signals={"kelvin": PackValue.TEMPERATURE_K, "soc": PackValue.VOLTAGE_V})
+    frame = BatteryFrame(frame="Pack2", signals={"kelvin": "temperature K", "soc": "voltage V"})
     pack = Pack(tmp_path, frames=(frame,), checksum=Checksum.SUM8)
     assert pack.hear("Pack2", soc=20.0, kelvin=300.0).voltage_v == pytest.approx(20.0)
     pack.put(850, b"\x01\x02\x03\x07", is_extended=False)
@@ -360,9 +360,9 @@ def test_frames_with_a_wrong_checksum_or_length_are_rejected(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"frames": (BatteryFrame(frame="None", signals={"x": PackValue.VOLTAGE_V}),)}, "there is no frame None"),
-        ({"frames": (BatteryFrame(frame="Pack1", signals={"x": PackValue.VOLTAGE_V}),)}, "has no signal x"),
-        ({"frames": (BatteryFrame(frame="Pack1", signals={"current": PackValue.CURRENT_A}),)}, "expected a voltage"),
+        ({"frames": (BatteryFrame(frame="None", signals={"x": "voltage V"}),)}, "there is no frame None"),
+        ({"frames": (BatteryFrame(frame="Pack1", signals={"x": "voltage V"}),)}, "has no signal x"),
+        ({"frames": (BatteryFrame(frame="Pack1", signals={"current": "current A"}),)}, "expected a voltage"),
         ({"frames": (MAP["frames"][0], MAP["frames"][0])}, "each quantity once"),
         ({"counter": "alive"}, "has no signal alive"),
         ({"current_a": math.nan}, "expected a finite current_a"),
