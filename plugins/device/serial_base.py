@@ -3,7 +3,7 @@
 import importlib
 import re
 import string
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from typing import Annotated, Protocol
 
 import msgspec
@@ -12,8 +12,8 @@ from msgspec import Meta
 from robrain.algorithms.navigation.wheel_bases import Ackermann, Differential, WheelBase
 from robrain.plugins.device.mocdevice.frame_clock import StampedAt
 from robrain.plugins.device.mocdevice.frame_map import SIGNALS_MAX, Sign, SignalUnit, each_of
-from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, MotionFault
-from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelReport
+from robrain.plugins.device.mocdevice.interface import BusFault, Counters
+from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelLink, WheelReport
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.line_splitter import LineSplitter
 from robrain.protocol.model.checked import Checked
@@ -222,7 +222,7 @@ def _codec_class(path: str) -> Callable[[WheelBase], WheelCodec]:
     return made
 
 
-class WheelSerialLink:
+class WheelSerialLink(WheelLink):
     """See WheelLink.
 
     Args:
@@ -234,14 +234,9 @@ class WheelSerialLink:
 
     """
 
-    pending: Sized = (None,)
-
     def __init__(
         self, line: SerialLine, codec: WheelCodec, plugin: str, wanted: SerialBase.Parameters, now_ns: Callable[[], int]
     ) -> None:
-        self.status: ControllerStatus | None = None
-        self.statuses, self.has_failed = 0, False
-        self.broken: MotionFault | None = None
         self._line, self._codec, self._plugin, self._port = line, codec, plugin, wanted.port
         self._now_ns, self._period_ns, self._baud = now_ns, to_ns(wanted.period_s), wanted.baud
         self._asked_ns: int | None = None

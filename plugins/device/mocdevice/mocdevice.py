@@ -5,7 +5,7 @@ Another base is a matter of parameters: its kinematics (`base`), and the frames 
 
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import can
@@ -22,8 +22,8 @@ from robrain.plugins.device.mocdevice.frame_map import (
     read_dbc,
     signal_frames,
 )
-from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters, MotionFault
-from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelReport
+from robrain.plugins.device.mocdevice.interface import BusFault, ControllerStatus, Counters
+from robrain.plugins.device.mocdevice.wheel_device import Counting, OpenLink, WheelDevice, WheelLink, WheelReport
 from robrain.protocol.can.bus_state import BusState, state_in
 from robrain.protocol.can.frame_port import Frame, frame_port
 from robrain.protocol.can.frames import BadFrame, FrameCodec, known_identifiers
@@ -161,7 +161,7 @@ ECHOES = 64
 """Own frames that are remembered: some interfaces give them back."""
 
 
-class CanLink:
+class CanLink(WheelLink):
     """See WheelLink.
 
     Args:
@@ -173,12 +173,9 @@ class CanLink:
     """
 
     def __init__(self, bus: can.BusABC, frames: WheelFrames, plugin: str, warn: Callable[[str], None]) -> None:
-        self.status: ControllerStatus | None = None
-        self.statuses, self.has_failed = 0, False
-        self.broken: MotionFault | None = None
         self._bus, self._frames, self._plugin, self._warn = bus, frames, plugin, warn
         self._port = frame_port(bus)
-        self.pending: Sized = self._port.pending
+        self.pending = self._port.pending
         self._counter = 0
         self._sent: deque[bytes] = deque(maxlen=ECHOES)
         stop = [frames.stop] if frames.stop is not None else []

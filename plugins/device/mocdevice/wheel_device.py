@@ -52,15 +52,15 @@ class WheelReport(msgspec.Struct, frozen=True):
 class WheelLink(Protocol):
     """A connection to a motor controller; its users' calls never fail, as the device's own step raises `broken`."""
 
-    pending: Sized
+    pending: Sized = (None,)
     """Empty if `receive` has nothing to return."""
-    status: ControllerStatus | None
+    status: ControllerStatus | None = None
     """Last status of the controller; None before the first, or if it sends none."""
-    statuses: int
+    statuses: int = 0
     """Number of statuses received."""
-    has_failed: bool
+    has_failed: bool = False
     """Whether the last status reports a failed power stage."""
-    broken: MotionFault | None
+    broken: MotionFault | None = None
     """Error by which nothing can be sent or read any more; None if there is none."""
 
     @property
