@@ -284,22 +284,17 @@ class ObstacleDistance(Unit):
         if ring is not None and now_ns - ring.stamp_ns <= RING_FRESH_NS:
             seen.append(ring_points_m(ring, None, HERE))
             sees.append("range_sensors")
-        touched_rad = list(self._ranges.pressed_rad())
-        if not seen:
-            return ObstacleField(distances_m=[None] * sectors, sees=[], touched_rad=touched_rad)
-        nearest_m = sector_distances_m(reduce(joined, seen), 0.0, 0.0, 0.0, sectors)
+        nearest_m = sector_distances_m(reduce(joined, seen), 0.0, 0.0, 0.0, sectors) if seen else [math.inf] * sectors
         distances_m = [
             round(max(0.0, distance_m - self.parameters.radius_m), 3) if math.isfinite(distance_m) else None
             for distance_m in nearest_m
         ]
         found = [(distance_m, sector) for sector, distance_m in enumerate(distances_m) if distance_m is not None]
-        if not found:
-            return ObstacleField(distances_m=distances_m, sees=sees, touched_rad=touched_rad)
-        closest_m, sector = min(found)
+        closest_m, sector = min(found, default=(None, 0))
         return ObstacleField(
             distances_m=distances_m,
             sees=sees,
             nearest_m=closest_m,
-            nearest_rad=math.remainder(math.tau * sector / sectors, math.tau),
-            touched_rad=touched_rad,
+            nearest_rad=None if closest_m is None else math.remainder(math.tau * sector / sectors, math.tau),
+            touched_rad=list(self._ranges.pressed_rad()),
         )

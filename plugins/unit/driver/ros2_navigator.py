@@ -158,11 +158,11 @@ class NavigationGoal(msgspec.Struct):
 
     pose: Pose2D
     """Frame odom."""
-    number: int
-    """Of the goal that was sent for it last."""
-    action: Action | None = None
-    length: float = 0.0
+    action: Action | None
+    length: float
     """At the start, metres and radians."""
+    number: int = 0
+    """Of the goal that was sent for it last."""
     again_ns: int | None = None
     """Time when a failed goal is sent again; None while Nav2 pursues it."""
 
@@ -310,15 +310,16 @@ class Ros2Navigator(OnBase):
         return goal.distance_m(other) < self.parameters.goal_step_m and turn_rad < self.parameters.goal_step_rad
 
     def _send(self, goal: Pose2D, action: Action | None = None) -> None:
-        self._number += 1
         pose = self._moc.pose()
         length = pose.distance_m(goal) + abs(wrap_angle_rad(goal.yaw_rad - pose.yaw_rad))
-        self._wanted = wanted = NavigationGoal(goal, self._number, action, length)
-        self._put(wanted)
+        self._wanted = NavigationGoal(goal, action, length)
+        self._put(self._wanted)
 
     def _put(self, wanted: NavigationGoal) -> None:
         """Send the goal in the frame of the robot's own odometry, which the team's frame odom differs from."""
         board, goal = self.env.board, wanted.pose
+        self._number += 1
+        wanted.number, wanted.again_ns = self._number, None
         if board.published_odometry is not None and board.T_odom_robot is not None:
             goal = board.published_odometry[0].compose(board.T_odom_robot.inverse()).compose(goal)
         if self._goals is not None:
@@ -339,8 +340,6 @@ class Ros2Navigator(OnBase):
             self._stop_moving()
             action.fail(f"{reason}, for {self.parameters.patience_s:g} s")
         elif now_ns >= wanted.again_ns:
-            self._number += 1
-            wanted.number, wanted.again_ns = self._number, None
             self._put(wanted)
 
     def _arrive(self, wanted: NavigationGoal) -> None:
