@@ -12,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-import msgspec
-
 from robrain.agent.errors import (
     FOREIGN_ERRORS,
     HostBusy,
@@ -43,15 +41,6 @@ STEADY_S = 60.0
 HUNG_PERIOD_NS = to_ns(0.1)
 
 
-class _Case(msgspec.Struct):
-    """A plugin that has faulted, and when it is started again."""
-
-    plugin: ManagedPlugin
-    again_ns: int | None
-    started_ns: int = 0
-    attempts: int = 0
-
-
 class FaultHandler:
     """Handles faults in the host's own step, where no plugin's lock is held.
 
@@ -71,8 +60,6 @@ class FaultHandler:
         self._registry = registry
         self._begin = begin
         self._later = later
-        self._cases: dict[str, _Case] = {}
-        self._drops: dict[str, int] = {}
         self._checked_ns = 0
         self._checked_hung_ns = 0
         self.check_ns = 0
@@ -98,28 +85,20 @@ class FaultHandler:
 
     def _schedule_restart(self, plugin: ManagedPlugin, now_ns: int) -> None:
         policy = plugin.manifest.tag
-        case = self._cases.get(plugin.name)
-        attempts = case.attempts if case is not None and case.plugin is plugin else 0
-        if policy.restart != "on-failure" or attempts >= policy.restart_limit:
-            self._cases[plugin.name] = _Case(plugin, None, attempts=attempts)
-            return
-        again_ns = now_ns + to_ns(backoff_s(attempts + 1, policy.backoff_s, policy.backoff_max_s))
-        self._cases[plugin.name] = _Case(plugin, again_ns, attempts=attempts + 1)
-        self.check_ns = min(self.check_ns, again_ns)
-
-    def forget(self, plugin: ManagedPlugin) -> None:
-        """A plugin is loaded again by hand, or has gone."""
-        self._cases.pop(plugin.name, None)
-        self._drops.pop(plugin.name, None)
+        plugin.again_ns, plugin.started_ns = None, 0
+        if policy.restart == "on-failure" and plugin.attempts < policy.restart_limit:
+            plugin.attempts += 1
+            plugin.again_ns = now_ns + to_ns(backoff_s(plugin.attempts, policy.backoff_s, policy.backoff_max_s))
+            self.check_ns = min(self.check_ns, plugin.again_ns)
 
     def check(self, now_ns: int) -> None:
         """Restart due plugins; check which hang and which flood."""
-        for case in list(self._cases.values()):
-            if case.again_ns is not None and now_ns >= case.again_ns and not self._registry.halted:
-                case.again_ns = None
-                self._later(partial(self._restart, case, now_ns))
-            elif case.started_ns and now_ns - case.started_ns > to_ns(STEADY_S):
-                case.attempts = 0
+        for plugin in self._registry.plugins.values():
+            if plugin.again_ns is not None and now_ns >= plugin.again_ns and not self._registry.halted:
+                plugin.again_ns = None
+                self._later(partial(self._restart, plugin, now_ns))
+            elif plugin.started_ns and now_ns - plugin.started_ns > to_ns(STEADY_S):
+                plugin.attempts = 0
         has_one_thread = self._registry.has_one_thread  # then no thread is in a plugin now
         if not has_one_thread and now_ns - self._checked_hung_ns >= HUNG_PERIOD_NS:
             self._checked_hung_ns = now_ns
@@ -127,15 +106,14 @@ class FaultHandler:
         if now_ns - self._checked_ns >= NS_PER_S:
             self._check_floods(now_ns)
         next_ns = self._checked_ns + NS_PER_S if has_one_thread else self._checked_hung_ns + HUNG_PERIOD_NS
-        restarts_ns = [case.again_ns for case in self._cases.values() if case.again_ns is not None]
+        restarts_ns = [each.again_ns for each in self._registry.plugins.values() if each.again_ns is not None]
         self.check_ns = min([next_ns, *restarts_ns])
 
-    def _restart(self, case: _Case, now_ns: int) -> None:
-        plugin = case.plugin
+    def _restart(self, plugin: ManagedPlugin, now_ns: int) -> None:
         if self._registry.plugins.get(plugin.name) is not plugin or plugin.state is not PluginState.FAULTED:
             return
         plugin.restarts += 1
-        case.started_ns = now_ns
+        plugin.started_ns = now_ns
         self._begin(plugin)
         if not plugin.state.is_running:
             self._registry.record_fault(plugin)
@@ -159,8 +137,7 @@ class FaultHandler:
             dropped = 0
             for event in plugin.events().values():
                 dropped += event.dropped
-            before = self._drops.get(plugin.name, 0)
-            self._drops[plugin.name] = dropped
+            before, plugin.drops_seen = plugin.drops_seen, dropped
             if dropped - before > FLOOD_DROPS_A_SECOND * elapsed_s:
                 plugin.fault(
                     PluginError(plugin.name, f"{plugin.name} floods: {dropped - before} notifications were lost")
@@ -301,7 +278,6 @@ class PluginManager:
                 self.registry.plugins = before
                 raise
             for name in fresh.keys() & before.keys():
-                self.faults.forget(before[name])
                 before[name].unload()
             return [*fresh.values(), *self._starter.begin_lacking()]
 
@@ -347,7 +323,7 @@ class PluginManager:
                 raise PluginError(name, f"{name} keeps running as it was: {type(error).__name__}: {error}") from error
             self._starter.sort()
             if not was_running:
-                self.faults.forget(plugin)
+                plugin.again_ns, plugin.attempts = None, 0
                 self._starter.begin_lacking()
             return plugin
 
@@ -488,7 +464,6 @@ class PluginManager:
             raise PluginError(name, f"{name} cannot be started: {type(error).__name__}: {error}") from error
 
     def _end(self, plugin: ManagedPlugin) -> None:
-        self.faults.forget(plugin)
         try:
             plugin.unload()
         except FOREIGN_ERRORS:

@@ -81,6 +81,14 @@ class ManagedPlugin:
         self.exclusive = ExclusiveUse(self.name, context.clock)
         """The plugin's exclusive use, if it is not shared."""
         self.overruns = self.restarts = 0
+        self.again_ns: int | None = None
+        """When a plugin that has faulted is started again; None if it is not."""
+        self.attempts = 0
+        """Restarts since it last ran steadily or was loaded by hand."""
+        self.started_ns = 0
+        """When it was last started again after its last fault; 0 if it was not."""
+        self.drops_seen = 0
+        """Notifications that its observers had lost at the last check for a flood."""
         self.period_ns = 0
         """How often the plugin wants its step; 0 if it is passive."""
         self.due_ns = NEVER_NS
