@@ -137,8 +137,9 @@ class SeekBehavior(Errand[Seek]):
             self._check_time()
             here = self.travel.place()
             fit = self._fit(here)
-            if fit is not None and self._is_near(fit, here) and fit.summit is not None:
-                found = yield from self._drive_around_summit(fit.summit)
+            summit = fit.summit if fit is not None and fit.summit_sd_m < STEP_M else None
+            if summit is not None and summit.distance_m(here) < 2.0 * STEP_M:
+                found = yield from self._drive_around_summit(summit)
                 if found is not None:
                     return found
                 stuck += 1
@@ -162,10 +163,6 @@ class SeekBehavior(Errand[Seek]):
             yield from self._drive(_off(self._task.place, PROBE_M, turn * math.tau / 3))
         if not len(self._field):
             raise Failed(f"nothing tells {self._seek.quantity}: neither the robot's own board nor a mote that is heard")
-
-    def _is_near(self, fit: FieldFit, here: Point2D) -> bool:
-        """Whether a fitted summit is near enough for measurements from all sides."""
-        return fit.summit is not None and fit.summit_sd_m < STEP_M and fit.summit.distance_m(here) < 2.0 * STEP_M
 
     def _drive_around_summit(self, summit: Point2D) -> Generator[None, None, Point2D | None]:
         """Drive around a summit, and around the one that is fitted then; None if it is found nowhere near."""

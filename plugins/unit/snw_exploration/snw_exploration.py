@@ -13,8 +13,7 @@ from robrain.plugins.unit.snw_exploration.asking import Asking, AskingParameters
 from robrain.plugins.unit.snw_exploration.interface import ReceivedMote, ReceivedRobot, RssiMeasurement, SnwInterface
 from robrain.plugins.unit.snw_exploration.mote_record import MoteRecord, ReadingStore, place_of
 from robrain.protocol.clock import NS_PER_S, to_ns
-from robrain.protocol.errors import BadName
-from robrain.protocol.keys import check_name
+from robrain.protocol.keys import is_name
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.motes.mote_messages import MOTE_DUTY, MOTE_READING, MoteDuty, MoteReading
 from robrain.protocol.messages.robots.robot_messages import ROBOT_ALIVE, ROBOT_LINKS, RadioLink, RobotLinks
@@ -93,7 +92,9 @@ class BaseLinks:
         beacon = BeaconPayload.unpack(payload)
         link = self._links.get(beacon.robot)
         if link is None:
-            link = self._links[self._new(beacon.robot)] = _Link()
+            if not is_name(beacon.robot) or beacon.robot == self._robot or len(self._links) >= MAX_ROBOTS:
+                raise BadPacket(f"expected one of at most {MAX_ROBOTS} other robots, got {beacon.robot!r}")
+            link = self._links[beacon.robot] = _Link()
         elif 0 < (gap := sequences_after(beacon.sequence, link.sequence)) < SEQUENCES // 4:  # else it was restarted
             link.missed += gap - 1
         link.sequence, link.stamp_ns, link.rssi_dbm = beacon.sequence, stamp_ns, float(beacon.rssi_dbm)
@@ -139,15 +140,6 @@ class BaseLinks:
             return None
         self._has_reported = bool(links)
         return RobotLinks(robot=self._robot, links=links)
-
-    def _new(self, name: str) -> str:
-        try:
-            check_name("robot", name)
-        except BadName as error:
-            raise BadPacket(str(error)) from error
-        if name == self._robot or len(self._links) >= MAX_ROBOTS:
-            raise BadPacket(f"expected one of at most {MAX_ROBOTS} other robots, got {name!r}")
-        return name
 
 
 IN_REACH_NS = to_ns(15.0)
