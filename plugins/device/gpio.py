@@ -31,35 +31,36 @@ class GpioAbsent(OSError):
     """Lines that cannot be opened or read. A fault like others: the plugin is started again later."""
 
 
+class GpioParameters(Checked, frozen=True, forbid_unknown_fields=True):
+    """A chip, and how its lines are read."""
+
+    chip: ChipPath = "/dev/gpiochip0"
+    """Path of its device file."""
+    debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
+    """Changes that last less are not seen; 0 for all."""
+
+
 class InputLines:
     """Some lines of one chip; may be used on any thread.
 
     Args:
-        chip: path of its device file, such as `/dev/gpiochip0`.
+        wanted: the chip, and how its lines are read.
+        consumer: name of their user, as `gpioinfo` shows it.
         lines: which, in the order of `read`.
         pull: the resistor on all of them.
-        is_low_active: whether `read` is true for a low level.
-        debounce_s: changes that last less are not seen; 0 for all.
-        consumer: name of their user, as `gpioinfo` shows it.
+        is_low: whether `read` is true for a low level.
 
     """
 
     def __init__(
-        self,
-        chip: str,
-        lines: Sequence[int | str],
-        pull: Pull,
-        *,
-        is_low_active: bool,
-        debounce_s: float,
-        consumer: str,
+        self, wanted: GpioParameters, consumer: str, lines: Sequence[int | str], pull: Pull, *, is_low: bool
     ) -> None:
-        self._chip, self._lines, self._consumer = chip, tuple(lines), consumer
+        self._chip, self._lines, self._consumer = wanted.chip, tuple(lines), consumer
         self._settings = gpiod.LineSettings(
             direction=Direction.INPUT,
             bias=_BIASES[pull],
-            active_low=is_low_active,
-            debounce_period=timedelta(seconds=debounce_s),
+            active_low=is_low,
+            debounce_period=timedelta(seconds=wanted.debounce_s),
         )
         self._request: gpiod.LineRequest | None = None
         self._using = threading.RLock()
@@ -117,15 +118,13 @@ class GpioBumpers(Device):
     It measures no ranges.
     """
 
-    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
+    class Parameters(GpioParameters, frozen=True, forbid_unknown_fields=True):
         """Contacts that close to ground when they are pressed, unless configured otherwise."""
 
-        chip: ChipPath = "/dev/gpiochip0"
         contacts: Annotated[tuple[BumperContact, ...], Meta(min_length=1, max_length=CONTACTS_MAX)] = ()
         is_pressed_low: bool = True
         """Whether a pressed contact makes its line low."""
         pull: Pull = "up"
-        debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
     interface = RangeSensorsInterface
     period_s = 0.02
@@ -134,15 +133,8 @@ class GpioBumpers(Device):
     bumped = Event[Bump](outside=True)
 
     def init(self) -> None:
-        wanted = self.parameters
-        self._lines = InputLines(
-            wanted.chip,
-            [contact.line for contact in wanted.contacts],
-            wanted.pull,
-            is_low_active=wanted.is_pressed_low,
-            debounce_s=wanted.debounce_s,
-            consumer="robrain bumpers",
-        )
+        wanted, lines = self.parameters, [contact.line for contact in self.parameters.contacts]
+        self._lines = InputLines(wanted, "robrain bumpers", lines, wanted.pull, is_low=wanted.is_pressed_low)
         self._pressed_rad: tuple[float, ...] = ()
 
     def activate(self) -> None:
@@ -196,17 +188,15 @@ LINES_MAX = 4
 class GpioEmergencyStop(Device):
     """Halts the robot while its button is pressed, its cable broken or its line lost."""
 
-    class Parameters(Checked, frozen=True, forbid_unknown_fields=True):
+    class Parameters(GpioParameters, frozen=True, forbid_unknown_fields=True):
         """Contacts that are closed unless the button is pressed."""
 
-        chip: ChipPath = "/dev/gpiochip0"
         lines: Annotated[tuple[LineName, ...], Meta(min_length=1, max_length=LINES_MAX)] = ()
         """One for each contact of the button; any that is open halts the robot."""
         wired_to: Literal["ground", "supply"] = "ground"
         """The potential to which a closed contact connects its line."""
         own_pull: bool = True
         """Whether the chip's resistor pulls an open line to the other level; false if the board has resistors."""
-        debounce_s: Annotated[float, Meta(ge=0, le=DEBOUNCE_S_MAX)] = 0.005
 
     interface = EmergencyStopInterface
     period_s = 0.01
@@ -215,14 +205,8 @@ class GpioEmergencyStop(Device):
 
     def init(self) -> None:
         wanted, is_grounded = self.parameters, self.parameters.wired_to == "ground"
-        self._lines = InputLines(
-            wanted.chip,
-            wanted.lines,
-            ("up" if is_grounded else "down") if wanted.own_pull else "none",
-            is_low_active=not is_grounded,
-            debounce_s=wanted.debounce_s,
-            consumer="robrain emergency stop",
-        )
+        pull: Pull = ("up" if is_grounded else "down") if wanted.own_pull else "none"
+        self._lines = InputLines(wanted, "robrain emergency stop", wanted.lines, pull, is_low=not is_grounded)
         self._reason = ""
 
     def activate(self) -> None:
