@@ -119,7 +119,7 @@ class RobotVehicle:
         self._times = vda.SendTimes()
         self._last: Any = None
         self._connections = 0
-        will = ("connection", {"connectionState": "CONNECTIONBROKEN" if vehicle.is_old else "CONNECTION_BROKEN"})
+        will = ("connection", {"connectionState": vehicle.words.connection_broken})
         client_id = f"robrain-{vehicle.manufacturer}-{vehicle.serial}"
         self._mqtt = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
 
@@ -250,41 +250,18 @@ def _paths(vehicle: vda.Vehicle, path: PlannedPath | None, now_ns: int) -> dict[
     return {"plannedPath": {"trajectory": curve}, "intermediatePath": {"polyline": waypoints}}
 
 
-INSTANT = ("cancelOrder", "startPause", "stopPause", "stateRequest", "factsheetRequest")
-SPEED_M_S, HEIGHT_M = 1.0, 1.0
-"""Nominal values: a robot does not report them."""
+SPEED_M_S = 1.0
+"""Nominal value, as in `factsheet.json`: a robot does not report it."""
 
 
 def factsheet(vehicle: vda.Vehicle, robot: RobotState | None) -> dict[str, Any]:
     """The factsheet of a robot as JSON, without its header."""
+    sheet: dict[str, Any] = msgspec.json.decode(Path(__file__).with_name("factsheet.json").read_bytes())
     diameter_m = 2.0 * (robot.radius_m if robot is not None else 0.0)
-    duration = {"key": "duration", "valueDataType": "NUMBER", "description": "Seconds."}
-    actions: list[dict[str, Any]] = [{"actionType": kind, "actionScopes": ["INSTANT"]} for kind in INSTANT]
-    actions.append({"actionType": "wait", "actionScopes": ["NODE"], "actionParameters": [duration]})
-    kinematics, navigation = ("DIFF", "AUTONOMOUS") if vehicle.is_old else ("DIFFERENTIAL", "FREELY_NAVIGATING")
-    speeds = dict.fromkeys(("maximumSpeed", "maximumAcceleration", "maximumDeceleration"), SPEED_M_S)
-    size = {"minimumHeight": 0.0, "maximumHeight": HEIGHT_M, "width": diameter_m, "length": diameter_m}
-    kind = {"mobileRobotKinematics": kinematics, "mobileRobotClass": "CARRIER", "navigationTypes": [navigation]}
-    limits = {"order.nodes": vda.NODES_MAX, "order.edges": vda.NODES_MAX}
-    required = {"parameter": "order.nodes.nodePosition", "support": "REQUIRED"}
-    able = [{"blockingTypes": ["SOFT", "HARD"], "pauseAllowed": False, "cancelAllowed": True, **one} for one in actions]
-    return {
-        "typeSpecification": {
-            "seriesName": "robrain",
-            "maximumLoadMass": 0.0,
-            "localizationTypes": ["NATURAL"],
-            **kind,
-        },
-        "physicalParameters": {"minimumSpeed": 0.0, **speeds, **size},
-        "protocolLimits": {
-            "maximumStringLengths": {"maximumIdLength": vda.ID_MAX},
-            "maximumArrayLengths": limits,
-            "timing": {"minimumOrderInterval": 0.0, "minimumStateInterval": 0.05},
-        },
-        "protocolFeatures": {"optionalParameters": [required], "mobileRobotActions": able},
-        "mobileRobotGeometry": {},
-        "loadSpecification": {},
-    }
+    sheet["physicalParameters"] |= {"width": diameter_m, "length": diameter_m}
+    words = vehicle.words
+    sheet["typeSpecification"] |= {"mobileRobotKinematics": words.kinematics, "navigationTypes": [words.navigation]}
+    return sheet
 
 
 def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Vehicle, folder: Path) -> None:

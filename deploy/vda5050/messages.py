@@ -1,12 +1,14 @@
 """Messages of VDA 5050 in the versions 2.1.0 and 3.0.0, as structs with ranges.
 
-Messages that robrain writes have the names of version 3, and are renamed by `NAMES_2` for version 2. Of those that
-it reads, a field that only one of the versions has is absent in messages of the other.
+Messages that robrain writes have the names of version 3; `versions.toml` renames their fields for version 2. Of the
+messages that it reads, a field that only one version has is absent in messages of the other version.
 The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or writes; others are ignored.
 """
 
 import datetime
 from enum import StrEnum
+from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
@@ -27,18 +29,7 @@ Prose = Annotated[str, Meta(max_length=4096)]
 Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
 Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
-NAMES_2 = {
-    "mobileRobotPosition": "agvPosition", "localized": "positionInitialized", "powerSupply": "batteryState",
-    "stateOfCharge": "batteryCharge", "activeEmergencyStop": "eStop", "mobileRobotKinematics": "agvKinematic",
-    "mobileRobotClass": "agvClass", "maximumLoadMass": "maxLoadMass", "minimumSpeed": "speedMin",
-    "maximumSpeed": "speedMax", "maximumAcceleration": "accelerationMax", "maximumDeceleration": "decelerationMax",
-    "minimumHeight": "heightMin", "maximumHeight": "heightMax", "maximumStringLengths": "maxStringLens",
-    "maximumIdLength": "idLen", "maximumArrayLengths": "maxArrayLens", "minimumOrderInterval": "minOrderInterval",
-    "minimumStateInterval": "minStateInterval", "mobileRobotActions": "agvActions",
-    "mobileRobotGeometry": "agvGeometry", "instantActionStates": "", "plannedPath": "", "intermediatePath": "",
-    "referenceStateHeaderId": "", "blockingTypes": "", "pauseAllowed": "", "cancelAllowed": "",
-}  # fmt: skip
-"""Names of fields in version 2, by those in version 3; empty where version 2 has no such field."""
+ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
 
 
 class BadVehicleMessage(RobrainError):
@@ -50,6 +41,26 @@ class Version(StrEnum):
 
     V2_1 = "2.1.0"
     V3_0 = "3.0.0"
+
+
+class Differences(msgspec.Struct):
+    """The words of one version for those of version 3: a table of `versions.toml`."""
+
+    topic: str
+    """The first levels of its topics."""
+    connection_broken: str
+    kinematics: str
+    navigation: str
+    errors: dict[str, str]
+    levels: dict[str, ErrorLevel]
+    names: dict[str, str] = {}
+    """Names of fields; empty where the version has no such field."""
+
+
+@cache
+def differences() -> dict[Version, Differences]:
+    """The differences between the versions."""
+    return msgspec.toml.decode(Path(__file__).with_name("versions.toml").read_bytes(), type=dict[Version, Differences])
 
 
 class VdaStruct(msgspec.Struct, rename="camel"):
@@ -71,6 +82,11 @@ class Vehicle(NamedTuple):
     serial: str
     map_id: str
     T_arena_map: Pose2D
+
+    @property
+    def words(self) -> Differences:
+        """The words of its version."""
+        return differences()[self.version]
 
     @property
     def is_old(self) -> bool:
@@ -97,7 +113,7 @@ class Vehicle(NamedTuple):
 
     def topic(self, name: str) -> str:
         """A topic of the vehicle, such as `uagv/v2/acme/7/order`."""
-        return f"{'uagv/v2' if self.is_old else 'vda5050/v3'}/{self.manufacturer}/{self.serial}/{name}"
+        return f"{self.words.topic}/{self.manufacturer}/{self.serial}/{name}"
 
     def payload(self, body: Any, header_id: int, now_ns: int) -> bytes:
         """A message with the protocol header; its body is a struct or a mapping, with the names of version 3."""
@@ -108,16 +124,15 @@ class Vehicle(NamedTuple):
             "manufacturer": self.manufacturer,
             "serialNumber": self.serial,
         }
-        content = msgspec.to_builtins(body)
-        return msgspec.json.encode({**header, **(_names_2(content) if self.is_old else content)})
+        return msgspec.json.encode({**header, **_renamed(msgspec.to_builtins(body), self.words.names)})
 
 
-def _names_2(content: Any) -> Any:
+def _renamed(content: Any, names: dict[str, str]) -> Any:
     match content:
         case dict():
-            return {name: _names_2(one) for key, one in content.items() if (name := NAMES_2.get(key, key))}
+            return {name: _renamed(one, names) for key, one in content.items() if (name := names.get(key, key))}
         case list():
-            return [_names_2(one) for one in content]
+            return [_renamed(one, names) for one in content]
     return content
 
 
@@ -235,7 +250,6 @@ OperatingMode = Literal[
     "STARTUP", "AUTOMATIC", "SEMIAUTOMATIC", "INTERVENED", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"
 ]
 """Control over a vehicle: by its master, or by a person."""
-ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
 ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
 
 

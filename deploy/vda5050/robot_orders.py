@@ -18,23 +18,6 @@ from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
 from robrain.protocol.model.tasks.task import Task, TaskState
 
-ERROR_TYPES_2 = {
-    "VALIDATION_FAILURE": "validationError",
-    "NO_CONTINUATION": "orderUpdateError",
-    "OUTDATED_ORDER_UPDATE": "orderUpdateError",
-    "ORDER_UPDATE_FOLLOWING_CANCEL": "orderUpdateError",
-    "OTHER_ORDER_ACTIVE": "orderUpdateError",
-    "NO_ORDER_TO_CANCEL": "noOrderToCancel",
-    "NODE_UNREACHABLE": "nodeUnreachable",
-    "INVALID_INSTANT_ACTION": "instantActionError",
-}
-"""Error types of version 2, by those of version 3; all others are `orderError`."""
-ERROR_TYPES_3 = {"NO_CONTINUATION": "VALIDATION_FAILURE"}
-LEVELS: dict[str, tuple[vda.ErrorLevel, vda.ErrorLevel]] = {
-    "UNSUPPORTED_PARAMETER": ("WARNING", "CRITICAL"),
-    "NODE_UNREACHABLE": ("FATAL", "CRITICAL"),
-}
-"""Levels of errors in version 2 and in version 3; all others are warnings."""
 UNUSED_OF_EDGES = {
     "trajectory", "corridor", "maxSpeed", "maximumSpeed", "maxHeight", "maximumMobileRobotHeight", "minHeight",
     "minimumLoadHandlingDeviceHeight", "orientation", "direction", "maxRotationSpeed",
@@ -169,11 +152,8 @@ class RobotOrders:
             del self.instant[next(iter(self.instant))]
 
     def _error(self, kind: str, text: str, references: dict[str, str]) -> vda.VehicleError:
-        is_old = self._vehicle.is_old
-        level_2, level_3 = LEVELS.get(kind, ("WARNING", "WARNING"))
-        name = ERROR_TYPES_2.get(kind, "orderError") if is_old else ERROR_TYPES_3.get(kind, kind)
-        found = [vda.Reference(key, value) for key, value in references.items()]
-        return vda.VehicleError(name, level_2 if is_old else level_3, text[:4096], found)
+        words, found = self._vehicle.words, [vda.Reference(key, value) for key, value in references.items()]
+        return vda.VehicleError(words.errors.get(kind, kind), words.levels.get(kind, "WARNING"), text[:4096], found)
 
     def _check_form(self, order: vda.VehicleOrder, payload: bytes) -> None:
         nodes, edges = order.nodes, order.edges
