@@ -1,7 +1,6 @@
 """`robrain vda5050 fleet`: a VDA 5050 master sees the robots of a team as vehicles, and gives them orders."""
 
 import math
-from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -21,19 +20,21 @@ from robrain.deploy.vda5050.robot_orders import KeptOrder, RobotOrders
 from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import (
-    ROBOT_ALIVE,
-    ROBOT_PATH,
-    ROBOT_STATE,
-    PlannedPath,
-    RobotState,
-)
-from robrain.protocol.messages.tasks import task_messages
+from robrain.protocol.messages.robots import robot_messages
+from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
-from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
+from robrain.protocol.messages.tasks.task_messages import (
+    TASK_CANCEL,
+    TASK_GET,
+    TASK_SUBMIT,
+    TaskRecord,
+    TaskRequest,
+    TaskSubmission,
+)
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.refusals import RefusalCode
+from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
 from robrain.protocol.wire.hub import team_endpoints
 
@@ -62,36 +63,28 @@ def write_order(folder: Path, robot: str, kept: KeptOrder) -> None:
     write_file(folder / f"{robot}.json", msgspec.json.encode(kept))
 
 
-def submit(wire: Endpoint, task: Task) -> TaskOutcome:
-    """Submit a task; it has failed if the coordinator refuses it. A known task has the state that it has.
+def ask_coordinator(wire: Endpoint, task: Task, *, is_cancelled: bool) -> TaskOutcome:
+    """Submit a task, or cancel it. A task that is refused has failed; a cancelled one that is unknown is cancelled.
 
     Raises:
         RobrainError: there is no answer.
 
     """
-    return _outcome(TaskState.FAILED, lambda: wire.ask(task_messages.TASK_SUBMIT, TaskSubmission(task=task, by=BY)))
-
-
-def cancel(wire: Endpoint, task: Task) -> TaskOutcome:
-    """Cancel a task; one that is unknown counts as cancelled. Errors as those of `submit`."""
-    request = TaskRequest(id=task.id, by=BY, why="cancelOrder")
-    queries = (task_messages.TASK_CANCEL, task_messages.TASK_GET)  # one that has ended cannot be cancelled
-    return _outcome(TaskState.CANCELLED, *(partial(wire.ask, query, request) for query in queries))
-
-
-def _outcome(refused: TaskState, *asks: Callable[[], TaskRecord]) -> TaskOutcome:
-    """The first answer, or the given state if the coordinator refuses all for good."""
-    why = ""
-    for ask in asks:
+    asked: Any = TaskSubmission(task=task, by=BY)
+    if is_cancelled:
+        asked = TaskRequest(id=task.id, by=BY, why="cancelOrder")
+    outcome = TaskState.CANCELLED if is_cancelled else TaskState.FAILED, ""
+    queries: list[Query[Any, TaskRecord]] = [TASK_CANCEL, TASK_GET] if is_cancelled else [TASK_SUBMIT]
+    for query in queries:  # a task that has ended cannot be cancelled
         try:
-            record = ask()
+            record = wire.ask(query, asked)
         except CallError as error:
             if error.code not in (ErrorCode.REFUSED, ErrorCode.BAD_ARGUMENTS):
                 raise
-            why = str(error)
+            outcome = outcome[0], str(error)
         else:
             return record.state, record.why
-    return refused, why
+    return outcome
 
 
 class RobotVehicle:
@@ -179,13 +172,13 @@ class RobotVehicle:
         is_due = self._times.is_due("check", CHECK_NS, now_ns)
         if is_due:
             self._asked = {task_id: False for task_id, has_failed in self._asked.items() if not has_failed}
-        ask = cancel if self.orders.kept.cancelled_by else submit
+        ask = partial(ask_coordinator, self._wire, is_cancelled=bool(self.orders.kept.cancelled_by))
         for one in self.orders.to_ask(is_due=is_due):
             if self._asked.keys() & one.task.after:
                 break  # the coordinator must know the task before
             if one.task.id not in self._asked:
                 self._asked[one.task.id] = False
-                self._tasks.call(partial(ask, self._wire, one.task), partial(self._record, one.task.id))
+                self._tasks.call(partial(ask, one.task), partial(self._record, one.task.id))
 
     def _record(self, task_id: str, found: TaskOutcome | None, error: str) -> None:
         if found is None:  # no coordinator answers
@@ -290,10 +283,10 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
         closing(Asker(wire)) as halts,  # they wait for no task
     ):
         inbox, events = Inbox(4096), Inbox(4096, every=True)
-        wire.subscribe(inbox, ROBOT_STATE)
-        wire.subscribe(inbox, ROBOT_PATH)
+        wire.subscribe(inbox, robot_messages.ROBOT_STATE)
+        wire.subscribe(inbox, robot_messages.ROBOT_PATH)
         wire.subscribe(events, TASK_EVENT)
-        tokens = wire.watch(ROBOT_ALIVE)
+        tokens = wire.watch(robot_messages.ROBOT_ALIVE)
         vehicles: dict[str, RobotVehicle] = {}
         should_stop.ready()
         print_result(f"{who}: team {team} at {broker.host}:{broker.port}, as {shown.topic('')}")
@@ -306,7 +299,7 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
                 name = received.message.robot
                 if name not in vehicles and name in there and len(vehicles) < ROBOTS_MAX:
                     vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, folder, wire, tasks, halts)
-                if name in vehicles and received.topic is ROBOT_STATE:
+                if name in vehicles and received.topic is robot_messages.ROBOT_STATE:
                     vehicles[name].state = received.message
                 elif name in vehicles:
                     vehicles[name].path = received.message

@@ -8,7 +8,7 @@ import msgspec
 from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
-from robrain.deploy.vda5050.messages import State, Vehicle, VehicleConnection
+from robrain.deploy.vda5050.messages import Vehicle
 from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink
 from robrain.deploy.vda5050.vehicle_robot import KINDS, VEHICLE, VehicleRobot, instant_action
 from robrain.protocol.clock import steps, to_ns
@@ -33,46 +33,6 @@ STATE_NS = to_ns(0.1)
 HALT_NS = to_ns(2.0)
 """Time for a vehicle to confirm a halt."""
 ASK_TIMEOUT_S = 2.0
-
-
-class VehicleLink:
-    """Exchanges a vehicle's messages over MQTT.
-
-    Args:
-        vehicle: its address.
-        broker: where it is connected.
-        client_id: of this master.
-        robot: receives its states. Without a master, the broker cancels its order after `continues_for_s`.
-        wire: its clock stamps messages, and it counts those that cannot be read.
-
-    """
-
-    def __init__(self, vehicle: Vehicle, broker: Broker, client_id: str, robot: VehicleRobot, wire: Endpoint) -> None:
-        self.is_online = False
-        """Whether the vehicle is connected to the broker."""
-        self._robot, self._clock = robot, wire.clock
-        will = ("instantActions", instant_action("cancelOrder", f"will-{wire.clock.now_ns()}"))
-        delay_s = max(0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S))
-        self._mqtt = MqttLink(vehicle, broker, client_id, ("connection", "state"), wire, will, delay_s)
-        self.close = self._mqtt.close
-
-    @property
-    def is_present(self) -> bool:
-        """Whether the vehicle can be reached and its state is known."""
-        return self.is_online and self._mqtt.is_connected and self._robot.is_known
-
-    def step(self) -> None:
-        """Process what has arrived, and send what is due."""
-        now_ns = self._clock.now_ns()
-        for message, _ in self._mqtt.receive():
-            match message:
-                case VehicleConnection(connection_state=state):
-                    self.is_online = state == "ONLINE"
-                case State() as state:
-                    self._robot.handle_state(state, now_ns)
-        if self.is_online and self._mqtt.is_connected:
-            for name, body in self._robot.step(now_ns):
-                self._mqtt.publish(name, body)
 
 
 class VehicleMember:
@@ -210,18 +170,27 @@ def vehicle_command(
     with closing(session), claim_robot(session, team, name) as claim, live_endpoint(session, team) as wire:
         if not claim.acquire(lambda text: print_message(f"{who}: {text}"), should_stop):
             return
-        client_id = f"robrain-{team}-{name}"
-        link = VehicleLink(vehicle, broker, client_id, robot, wire)
-        with closing(link):
+        will = ("instantActions", instant_action("cancelOrder", f"will-{wire.clock.now_ns()}"))
+        delay_s = max(
+            0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S)
+        )  # without a master, the broker cancels the order
+        topics = ("connection", "state")
+        with closing(MqttLink(vehicle, broker, f"robrain-{team}-{name}", topics, wire, will, delay_s)) as mqtt:
             should_stop.ready()
             print_result(f"{who}: master of {vehicle.manufacturer}/{vehicle.serial} at {broker.host}:{broker.port}")
             watch = NameWatcher(claim, should_stop)
             for _ in steps(watch, PERIOD_S):
-                link.step()
-                if link.is_present and member is None:
+                now_ns = wire.clock.now_ns()
+                for message, _ in mqtt.receive():
+                    robot.handle(message, now_ns)
+                is_reachable = robot.is_online and mqtt.is_connected
+                for topic, body in robot.step(now_ns) if is_reachable else ():
+                    mqtt.publish(topic, body)
+                is_present = is_reachable and robot.is_known
+                if is_present and member is None:
                     member = VehicleMember(Endpoint(session, team, wire.clock, wire.drive), name, robot, wire.refusals)
                     print_result(f"{who}: up")
-                elif not link.is_present and member is not None:
+                elif not is_present and member is not None:
                     member.close()
                     member = None
                     print_result(f"{who}: the vehicle has disconnected")

@@ -82,6 +82,8 @@ class VehicleRobot:
         """Stamp of the last halt or resume of the team."""
         self._name, self._place, self._radius_m = name, vehicle, radius_m
         self.continues_for_s = continues_for_s
+        self.is_online = False
+        """Whether the vehicle is connected to the broker."""
         self._vehicle = UNKNOWN
         self._work: _Work | None = None
         self._ended: TaskStatus | None = None
@@ -99,13 +101,16 @@ class VehicleRobot:
         """Whether the vehicle has sent its state."""
         return self._vehicle is not UNKNOWN
 
-    def handle_state(self, state: State, now_ns: int) -> None:
-        """Process a state; the first one tells which task the vehicle does."""
-        is_first, self._vehicle = not self.is_known, state
-        if is_first and (held := _read_order_id(state.order_id)) is not None:
-            task_id, self._epoch = held
-            self._received_ns = now_ns
-            self._begin(task_id, self._epoch, self.continues_for_s)
+    def handle(self, message: object, now_ns: int) -> None:
+        """Process a message; the first state tells which task the vehicle does."""
+        match message:
+            case vda.VehicleConnection(connection_state=connection):
+                self.is_online = connection == "ONLINE"
+            case State() as state:
+                is_first, self._vehicle = not self.is_known, state
+                if is_first and (held := _read_order_id(state.order_id)) is not None:
+                    self._received_ns = now_ns
+                    self._begin(*held, self.continues_for_s)
 
     def step(self, now_ns: int) -> list[Outgoing]:
         """Messages to send to the vehicle now."""
@@ -217,7 +222,7 @@ class VehicleRobot:
             return TaskAnswer.refused(refusal or plain("vehicle_unready", "the vehicle does not know its position"))
         if self._work is not None:
             self._finish(TaskState.CANCELLED, f"replaced by {task.id}")
-        self._epoch, self._received_ns = epoch, now_ns
+        self._received_ns = now_ns
         lease_s = max(offer.lease_s, self.continues_for_s)
         self._begin(task.id, epoch, lease_s, self._order(task, epoch, places, at))
         return TaskAnswer(accepted=True)
@@ -316,6 +321,7 @@ class VehicleRobot:
         return TaskAnswer(accepted=False, why=f"epoch {self._epoch} is newer", epoch=self._epoch)
 
     def _begin(self, task_id: str, epoch: int, lease_s: float, order: VehicleOrder | None = None) -> None:
+        self._epoch = epoch
         self._work = _Work(TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING), to_ns(lease_s), order)
 
     def _cancel(self, why: str) -> None:

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.deploy.vda5050.fleet_process import cancel, read_order, submit, write_order
+from robrain.deploy.vda5050.fleet_process import ask_coordinator, read_order, write_order
 from robrain.deploy.vda5050.messages import OrderNode
 from robrain.deploy.vda5050.robot_orders import KeptOrder
 from robrain.protocol.errors import CallError, ErrorCode
@@ -29,12 +29,12 @@ class FakeEndpoint:
 
 def test_only_a_refusal_ends_a_task() -> None:
     wire: Any = FakeEndpoint(ErrorCode.REFUSED)
-    assert submit(wire, TASK) == (TaskState.FAILED, "no")
-    assert cancel(wire, TASK) == (TaskState.CANCELLED, "no")
+    assert ask_coordinator(wire, TASK, is_cancelled=False) == (TaskState.FAILED, "no")
+    assert ask_coordinator(wire, TASK, is_cancelled=True) == (TaskState.CANCELLED, "no")
     wire.code = ErrorCode.TIMEOUT
-    for call in (submit, cancel):
+    for is_cancelled in (False, True):
         with pytest.raises(CallError):
-            call(wire, TASK)
+            ask_coordinator(wire, TASK, is_cancelled=is_cancelled)
 
 
 def test_an_order_is_on_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ class Stage:
         self.fields |= fields
         state = read("state", msgspec.json.encode(self.fields))
         assert isinstance(state, State)
-        self.robot.handle_state(state, self.now_ns)
+        self.robot.handle(state, self.now_ns)
         return self.wait(0.02)
 
     def wait(self, seconds: float) -> list[tuple[str, dict[str, Any]]]:
