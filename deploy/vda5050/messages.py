@@ -7,7 +7,6 @@ The fields are those of https://github.com/VDA5050/VDA5050 that robrain reads or
 
 import datetime
 from enum import StrEnum
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -49,18 +48,18 @@ class Differences(msgspec.Struct):
     topic: str
     """The first levels of its topics."""
     connection_broken: str
-    kinematics: str
-    navigation: str
+    type_specification: dict[str, Any]
+    """Fields of the factsheet."""
     errors: dict[str, str]
+    """Types of errors; empty where the version has no such error."""
     levels: dict[str, ErrorLevel]
     names: dict[str, str] = {}
     """Names of fields; empty where the version has no such field."""
 
 
-@cache
-def differences() -> dict[Version, Differences]:
-    """The differences between the versions."""
-    return msgspec.toml.decode(Path(__file__).with_name("versions.toml").read_bytes(), type=dict[Version, Differences])
+DIFFERENCES = msgspec.toml.decode(
+    Path(__file__).with_name("versions.toml").read_bytes(), type=dict[Version, Differences]
+)
 
 
 class VdaStruct(msgspec.Struct, rename="camel"):
@@ -86,12 +85,7 @@ class Vehicle(NamedTuple):
     @property
     def words(self) -> Differences:
         """The words of its version."""
-        return differences()[self.version]
-
-    @property
-    def is_old(self) -> bool:
-        """Whether it speaks version 2, in which many names are shorter."""
-        return self.version is Version.V2_1
+        return DIFFERENCES[self.version]
 
     def to_arena(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose2D:
         """A pose of the map in the arena frame."""

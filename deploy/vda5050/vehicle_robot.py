@@ -335,7 +335,9 @@ class VehicleRobot:
 
     def _order(self, task: Task, epoch: int, places: Sequence[Point2D], start: vda.Position) -> VehicleOrder:
         order_id, around = f"robrain:{task.id}:{epoch}", START_DEVIATION_M
-        allowed: vda.Deviation = around if self._place.is_old else {"a": around, "b": around, "theta": 0.0}
+        allowed: vda.Deviation = (
+            around if self._place.version is vda.Version.V2_1 else {"a": around, "b": around, "theta": 0.0}
+        )
         at_start = vda.NodePosition(start.x, start.y, start.map_id, allowed_deviation=allowed)
         on_map = (self._place.waypoint(place.x_m, place.y_m) for place in places)
         positions = [at_start, *(vda.NodePosition(at.x, at.y, start.map_id) for at in on_map)]

@@ -7,9 +7,8 @@ import msgspec
 import pytest
 
 from robrain.deploy.errors import UsageError
-from robrain.deploy.vda5050.fleet_process import ask_coordinator, read_order, write_order
+from robrain.deploy.vda5050.fleet_process import KeptOrder, ask_coordinator, read_order, write_order
 from robrain.deploy.vda5050.messages import OrderNode
-from robrain.deploy.vda5050.robot_orders import KeptOrder
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task, TaskState

@@ -5,9 +5,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from robrain.deploy.vda5050.fleet_process import factsheet
+from robrain.deploy.vda5050.fleet_process import KeptOrder, RobotOrders, factsheet
 from robrain.deploy.vda5050.messages import OrderAction, Vehicle, VehicleOrder, Version, read
-from robrain.deploy.vda5050.robot_orders import KeptOrder, RobotOrders
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
