@@ -414,7 +414,7 @@ class RobotVehicle:
         self._times = vda.SendTimes()
         self._last: Any = None
         self._connections = 0
-        will = ("connection", {"connectionState": vehicle.words.connection_broken})
+        will = "connection", {"connectionState": vehicle.words.connection_broken}, 0
         client_id = f"robrain-{vehicle.manufacturer}-{vehicle.serial}"
         self._mqtt = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
 

@@ -59,6 +59,8 @@ class Broker(NamedTuple):
 
 Arrival = tuple[VdaStruct | BadVehicleMessage, bytes]
 """A message, and its payload."""
+Will = tuple[str, Any, int]
+"""Name and body of a message, and the seconds in which a new connection of the same client prevents it."""
 
 
 class MqttLink:
@@ -70,20 +72,12 @@ class MqttLink:
         client_id: the broker disconnects an earlier client of the same id.
         topics: last levels of the topics of messages to receive.
         wire: its clock stamps messages, and it counts those that cannot be read or have no room in the inbox.
-        will: name and body of the message that the broker publishes when the connection breaks.
-        will_delay_s: time in which a new connection of the same client prevents the will.
+        will: the message that the broker publishes when the connection breaks.
 
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        broker: Broker,
-        client_id: str,
-        topics: Sequence[str],
-        wire: Endpoint,
-        will: tuple[str, Any],
-        will_delay_s: int = 0,
+        self, vehicle: Vehicle, broker: Broker, client_id: str, topics: Sequence[str], wire: Endpoint, will: Will
     ) -> None:
         self.connections = 0
         """Number of times that it has connected."""
@@ -101,9 +95,9 @@ class MqttLink:
         if broker.tls is not None:
             self._client.tls_set_context(broker.tls)
         session, delay = Properties(PacketTypes.CONNECT), Properties(PacketTypes.WILLMESSAGE)
-        session.SessionExpiryInterval = will_delay_s + 1  # the broker forgets a session together with its will
-        delay.WillDelayInterval = will_delay_s
-        self._client.will_set(*self._message(*will), properties=delay)
+        name, body, delay.WillDelayInterval = will
+        session.SessionExpiryInterval = will[2] + 1  # the broker forgets a session together with its will
+        self._client.will_set(*self._message(name, body), properties=delay)
         options: dict[str, Any] = {"keepalive": KEEPALIVE_S, "clean_start": False, "properties": session}
         self._client.connect_async(broker.host, broker.port, **options)
         self._client.loop_start()

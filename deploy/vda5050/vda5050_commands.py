@@ -54,12 +54,10 @@ def vehicle(
     found = read_address(address, version, map_id, map_offset, map_yaw)
     check_name("robot", name)
     from robrain.deploy.vda5050.mqtt_link import Broker
-    from robrain.deploy.vda5050.vehicle_process import vehicle_command
-    from robrain.deploy.vda5050.vehicle_robot import VehicleRobot
+    from robrain.deploy.vda5050.vehicle_process import VehicleRobot, vehicle_command
 
     robot = VehicleRobot(name, found, radius, continues_for)
-    team = check_name("team", team)
-    vehicle_command(found, name, Broker.read(broker, login, ca), robot, connect, team)
+    vehicle_command(robot, Broker.read(broker, login, ca), connect, check_name("team", team))
 
 
 @vda5050_app.command()

@@ -62,7 +62,7 @@ def test_messages_without_room_and_too_large_or_malformed_ones_are_counted(monke
     monkeypatch.setattr("paho.mqtt.client.Client.loop_start", lambda _: None)
     wire: Any = Wire(VirtualClock(), Refusals(VirtualClock()))
     vehicle = read_address("acme/7", Version.V2_1, "", "0,0", 0.0)
-    link: Any = MqttLink(vehicle, Broker("127.0.0.1", 1), "c", ["connection"], wire, ("connection", {}))
+    link: Any = MqttLink(vehicle, Broker("127.0.0.1", 1), "c", ["connection"], wire, ("connection", {}, 0))
     for number in range(INBOX_CAPACITY + 1):
         link._on_message(None, None, Arrived(f"t/{number}/connection", b'{"connectionState": "ONLINE"}'))
     link._on_message(None, None, Arrived("big", bytes(MESSAGE_MAX_BYTES + 1)))

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.vda5050.messages import BadVehicleMessage, State, Vehicle, Version, read
-from robrain.deploy.vda5050.vehicle_robot import VehicleRobot
+from robrain.deploy.vda5050.vehicle_process import VehicleRobot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.offer_messages import TaskOffer, TaskWithdrawal
 from robrain.protocol.model.geometry import IDENTITY, Point2D, Pose2D
