@@ -1,6 +1,5 @@
 """`robrain door`: operate a door that robots request, by Modbus TCP."""
 
-from contextlib import closing
 from typing import Annotated
 
 import typer
@@ -9,10 +8,9 @@ from robrain.client.door_keeper import DoorKeeper
 from robrain.deploy.command_line.command_group import CONNECT, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, TeamOption
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, wire_when_there
 from robrain.protocol.clock import steps
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
-from robrain.protocol.wire.hub import team_endpoints
 
 STEP_S = 0.1
 ADDRESS_MAX = 65_535
@@ -36,11 +34,10 @@ def door(
     from robrain.deploy.processes.modbus_door import ModbusDoor
 
     should_stop = LiveStop()
-    session = open_when_there("door", team_endpoints(connect), should_stop)
-    if session is None:
-        return
-    driver = ModbusDoor(host, port, coil=coil, input_=input_, unit=unit)
-    with closing(session), live_endpoint(session, check_name("team", team)) as wire:
+    with wire_when_there("door", connect, check_name("team", team), should_stop) as wire:
+        if wire is None:
+            return
+        driver = ModbusDoor(host, port, coil=coil, input_=input_, unit=unit)
         keeper = DoorKeeper(check_name("door", name), driver, wire, opening_s=opening_s, timeout_s=timeout_s)
         print_result(f"door: {name} of team {team} at {host}:{port}")
         try:

@@ -17,7 +17,7 @@ from robrain.protocol.access.member import MemberRole
 from robrain.protocol.clock import LiveClock, steps
 from robrain.protocol.errors import NobodyThere, PortInUse, WireError
 from robrain.protocol.wire.endpoint import Drive, Endpoint
-from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, missing_rights
+from robrain.protocol.wire.hub import given_endpoints, hub_endpoint, missing_rights, team_endpoints
 from robrain.protocol.wire.session import (
     check_endpoint,
     is_loopback,
@@ -290,6 +290,44 @@ def open_when_there(
 def live_endpoint(session: zenoh.Session, team: str) -> AbstractContextManager[Endpoint]:
     """An endpoint of the live drive, closed at the end of the block."""
     return closing(Endpoint(session, team, LiveClock(), Drive.LIVE))
+
+
+@contextmanager
+def wire_when_there(
+    who: str, connect: str | None, team: str, should_stop: Callable[[], bool]
+) -> Iterator[Endpoint | None]:
+    """An endpoint of a team's client as soon as the team's router answers; None if `should_stop` came first.
+
+    Args:
+        who: name of the waiting process, for the message.
+        connect: endpoint of the team; None uses $ROBRAIN_CONNECT, else this machine's hub.
+        team: its name.
+        should_stop: asked several times a second.
+
+    Raises:
+        WireError: an endpoint is invalid.
+
+    """
+    session = open_when_there(who, team_endpoints(connect), should_stop)
+    if session is None:
+        yield None
+        return
+    with closing(session), live_endpoint(session, team) as wire:
+        yield wire
+
+
+class SendTimes:
+    """When messages were last sent, by name."""
+
+    def __init__(self) -> None:
+        self._sent_ns: dict[str, int] = {}
+
+    def is_due(self, name: str, period_ns: int, now_ns: int) -> bool:
+        """Whether one was last sent at least a period ago; if so, the next one counts as sent now."""
+        is_due = now_ns - self._sent_ns.get(name, -period_ns) >= period_ns
+        if is_due:
+            self._sent_ns[name] = now_ns
+        return is_due
 
 
 class LiveStop:

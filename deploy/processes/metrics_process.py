@@ -4,7 +4,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
 
 from msgspec import UNSET
 from prometheus_client import CollectorRegistry, start_http_server
@@ -13,7 +12,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from robrain.deploy.command_line.output import print_result
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, wire_when_there
 from robrain.protocol.clock import steps, to_seconds
 from robrain.protocol.errors import CallError, NobodyThere, PortInUse
 from robrain.protocol.links.inbox import Inbox
@@ -25,7 +24,6 @@ from robrain.protocol.messages.team.team_messages import COORDINATOR_ALIVE, COOR
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.protocol.refusals import Refusal
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.hub import team_endpoints
 
 ROBOTS_MAX = 1000
 TASKS_MAX = 100_000
@@ -214,11 +212,9 @@ def metrics_command(connect: str | None, team: str, port: int) -> None:
 
     """
     should_stop = LiveStop()
-    session = open_when_there("metrics", team_endpoints(connect), should_stop)
-    if session is None:
-        return
-    with closing(session), live_endpoint(session, team) as wire:
-        serve_metrics(wire, port, should_stop, lambda url: print_result(f"metrics: of team {team} at {url}"))
+    with wire_when_there("metrics", connect, team, should_stop) as wire:
+        if wire is not None:
+            serve_metrics(wire, port, should_stop, lambda url: print_result(f"metrics: of team {team} at {url}"))
 
 
 def serve_metrics(wire: Endpoint, port: int, should_stop: Callable[[], bool], on_ready: Callable[[str], None]) -> None:

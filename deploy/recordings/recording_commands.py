@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -117,10 +116,10 @@ def record(
 ) -> None:
     """Record a live team until Ctrl-C; wait for the team if it is not running yet."""
     from robrain.deploy.command_line.options import next_file
-    from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+    from robrain.deploy.processes.live_process import LiveStop, wire_when_there
     from robrain.deploy.recordings.recording_display import record_display, show_recorded
     from robrain.deploy.recordings.recording_live import keep_of, read_provenance, record_team, split_for, split_of
-    from robrain.protocol.wire.hub import team_endpoints, teams_there, wrong_team
+    from robrain.protocol.wire.hub import teams_there, wrong_team
     from robrain.recording.writer.recording_file import check_writable
     from robrain.recording.writer.rotation import Rotation, own_recordings
 
@@ -134,10 +133,9 @@ def record(
             raise UsageError(f"--output {output}: it exists already; give another name or move it away")
         check_writable(output)
     should_stop = LiveStop()
-    session = open_when_there("record", team_endpoints(connect), should_stop)
-    if session is None:
-        return
-    with closing(session), live_endpoint(session, team) as wire:
+    with wire_when_there("record", connect, team, should_stop) as wire:
+        if wire is None:
+            return
         if (others := teams_there(wire)) and team not in others:
             sys.stderr.write(f"robrain: {wrong_team(f'nobody of team {team} is there yet', wire)}\n")
         path = output if output is not None else next_file(Path("runs"), team)

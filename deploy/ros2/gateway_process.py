@@ -14,7 +14,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
 from robrain.client.team import Team
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, SendTimes, open_when_there, wire_when_there
 from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.links.inbox import Inbox
@@ -39,7 +39,6 @@ from robrain.protocol.ros2.ros_names import environment_domain
 from robrain.protocol.ros2.ros_node import RosNode
 from robrain.protocol.ros2.ros_port import PendingRequest, RosPort, Writer
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.hub import team_endpoints
 from robrain.recording.drawing.palette import FRONTIER, HALTED, LOST, WARNING, Rgb, style_of
 from robrain.recording.drawing.recorded_map import KnownMap
 
@@ -348,7 +347,7 @@ class Gateway:
         self._writers: dict[str, Writer[Any]] = {}
         self._states: dict[str, RobotState] = {}
         self._tasks: dict[str, TaskEvent] = {}
-        self._due_ns: dict[str, int] = {}
+        self._times = SendTimes()
         self._waiting: list[tuple[Future[OrderOutcome], Callable[[OrderOutcome], None]]] = []
         """Orders, and what passes their answers on."""
         if orders is not None:
@@ -366,7 +365,7 @@ class Gateway:
             self._answer(self._orders)
         self._show(now_ns)
         self._show_map(now_ns)
-        if self._is_due("markers", MARKERS_NS, now_ns):
+        if self._times.is_due("markers", MARKERS_NS, now_ns):
             shown = markers(self._states, self._tasks, self._frame, now_ns)
             self._write("markers", ros.MARKER_ARRAY, LATCHED, shown)
 
@@ -413,7 +412,7 @@ class Gateway:
     def _show_map(self, now_ns: int) -> None:
         for _, _, payload in self._maps.drain_raw():
             self._known_map.handle(payload)
-        if self._known_map.has_news and self._is_due("map", MAP_NS, now_ns):
+        if self._known_map.has_news and self._times.is_due("map", MAP_NS, now_ns):
             grid = self._known_map.merged().grid
             if grid is not None:
                 self._write("map", ros.OCCUPANCY_GRID, LATCHED, occupancy_grid(grid, self._frame, now_ns))
@@ -434,13 +433,6 @@ class Gateway:
                 return None
             self._words[robot] = word
         return word
-
-    def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
-        due_ns = self._due_ns.get(what)
-        if due_ns is not None and due_ns - period_ns <= now_ns < due_ns:
-            return False
-        self._due_ns[what] = now_ns + period_ns
-        return True
 
     # -- requests -----------------------------------------------------------------------------------------------
 
@@ -510,13 +502,11 @@ def gateway_command(
     except ValueError as error:
         raise UsageError(str(error)) from error
     with ExitStack() as stack:
-        session = open_when_there(NAME, team_endpoints(connect), should_stop)
-        if session is None:
+        wire = stack.enter_context(wire_when_there(NAME, connect, team, should_stop))
+        if wire is None:
             return
-        stack.enter_context(closing(session))
-        wire = stack.enter_context(live_endpoint(session, team))
         if over_zenoh:
-            nodes = session if router is None else open_when_there(NAME, (router,), should_stop)
+            nodes = wire.session if router is None else open_when_there(NAME, (router,), should_stop)
             if nodes is None:
                 return
             stack.enter_context(closing(nodes))

@@ -8,9 +8,9 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import partial
-from itertools import chain, zip_longest
+from itertools import accumulate, chain, pairwise, zip_longest
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,7 +22,7 @@ from robrain.client.halting import HaltReport, order_robot
 from robrain.deploy.command_line.options import make_folder, write_file
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, SendTimes, wire_when_there
 from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.mqtt_link import Broker, MqttLink
 from robrain.protocol.clock import steps, to_ns
@@ -30,15 +30,9 @@ from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots import robot_messages
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, RobotState
+from robrain.protocol.messages.tasks import task_messages
 from robrain.protocol.messages.tasks.offer_messages import TASK_EVENT
-from robrain.protocol.messages.tasks.task_messages import (
-    TASK_CANCEL,
-    TASK_GET,
-    TASK_SUBMIT,
-    TaskRecord,
-    TaskRequest,
-    TaskSubmission,
-)
+from robrain.protocol.messages.tasks.task_messages import TaskRecord, TaskRequest, TaskSubmission
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.stock_kinds import VISIT
@@ -46,7 +40,6 @@ from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.protocol.wire.hub import team_endpoints
 
 PERIOD_S = 0.02
 STATE_NS, STATE_LEAST_NS, VISUALIZATION_NS = to_ns(1.0), to_ns(0.05), to_ns(0.5)
@@ -245,10 +238,10 @@ class RobotOrders:
 
     # -- the team's side ----------------------------------------------------------------------------------------------
 
-    def to_ask(self, *, is_due: bool) -> list[NodeTask]:
-        """Tasks to submit, or to cancel if the order is cancelled: those without a reply; if `is_due`, the next one."""
+    def task_to_ask(self, *, is_due: bool) -> Task | None:
+        """The first task without a reply; if `is_due`, the first one. The coordinator must know it before the next."""
         opened = [one for one in self.tasks.values() if not one.has_ended]
-        return [one for one in opened if one.state is None or (is_due and one is opened[0])]
+        return next((one.task for one in opened if is_due or one.state is None), None)
 
     def record(self, task_id: str, state: TaskState, why: str) -> None:
         """Record the state of a task; an end stays."""
@@ -372,12 +365,13 @@ def ask_coordinator(wire: Endpoint, task: Task, *, is_cancelled: bool) -> TaskOu
         RobrainError: there is no answer.
 
     """
+    outcome: TaskOutcome = TaskState.FAILED, ""
     asked: Any = TaskSubmission(task=task, by=BY)
+    queries: list[Query[Any, TaskRecord]] = [task_messages.TASK_SUBMIT]
     if is_cancelled:
-        asked = TaskRequest(id=task.id, by=BY, why="cancelOrder")
-    outcome = TaskState.CANCELLED if is_cancelled else TaskState.FAILED, ""
-    queries: list[Query[Any, TaskRecord]] = [TASK_CANCEL, TASK_GET] if is_cancelled else [TASK_SUBMIT]
-    for query in queries:  # a task that has ended cannot be cancelled
+        outcome, asked = (TaskState.CANCELLED, ""), TaskRequest(id=task.id, by=BY, why="cancelOrder")
+        queries = [task_messages.TASK_CANCEL, task_messages.TASK_GET]  # one that has ended cannot be cancelled
+    for query in queries:
         try:
             record = wire.ask(query, asked)
         except CallError as error:
@@ -409,19 +403,18 @@ class RobotVehicle:
         self.path: PlannedPath | None = None
         self.orders = RobotOrders(vehicle, read_order(folder, vehicle.serial))
         self._vehicle, self._folder, self._wire, self._tasks, self._halts = vehicle, folder, wire, tasks, halts
-        self._asked: dict[str, bool] = {}
-        """Tasks that wait for a reply, and whether there was none: these are asked again."""
-        self._times = vda.SendTimes()
+        self._is_asking = self._has_failed = False
+        """Whether the coordinator has yet to reply, and whether it did not reply to the last question."""
+        self._times = SendTimes()
         self._last: Any = None
-        self._connections = 0
         will = "connection", {"connectionState": vehicle.words.connection_broken}, 0
         client_id = f"robrain-{vehicle.manufacturer}-{vehicle.serial}"
         self._mqtt = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
 
     def step(self, now_ns: int) -> None:
         """Process messages, call the team, and publish."""
-        if self._mqtt.connections != self._connections:
-            self._connections = self._mqtt.connections
+        if self._mqtt.is_new:
+            self._mqtt.is_new = False
             self._mqtt.publish("connection", {"connectionState": "ONLINE"})
             self._mqtt.publish("factsheet", factsheet(self._vehicle, self.state))
         for message, payload in self._mqtt.receive():
@@ -471,23 +464,20 @@ class RobotVehicle:
                 orders.fail(action, "INVALID_INSTANT_ACTION", f"no robot can {kind}")
 
     def _ask_team(self, now_ns: int) -> None:
+        if self._is_asking:
+            return
         is_due = self._times.is_due("check", CHECK_NS, now_ns)
-        if is_due:
-            self._asked = {task_id: False for task_id, has_failed in self._asked.items() if not has_failed}
-        ask = partial(ask_coordinator, self._wire, is_cancelled=bool(self.orders.kept.cancelled_by))
-        for one in self.orders.to_ask(is_due=is_due):
-            if self._asked.keys() & one.task.after:
-                break  # the coordinator must know the task before
-            if one.task.id not in self._asked:
-                self._asked[one.task.id] = False
-                self._tasks.call(partial(ask, one.task), partial(self._record, one.task.id))
+        task = self.orders.task_to_ask(is_due=is_due)
+        if task is not None and (is_due or not self._has_failed):
+            self._is_asking, is_cancelled = True, bool(self.orders.kept.cancelled_by)
+            ask = partial(ask_coordinator, self._wire, task, is_cancelled=is_cancelled)
+            self._tasks.call(ask, partial(self._record, task.id))
 
     def _record(self, task_id: str, found: TaskOutcome | None, error: str) -> None:
+        self._is_asking, self._has_failed = False, found is None
         if found is None:  # no coordinator answers
-            self._asked[task_id] = True
             self._wire.refusals.record("vda5050", task_id, RefusalCode.LOST, error)
         else:
-            del self._asked[task_id]
             self.orders.record(task_id, *found)
 
     def _publish_state(self, robot: RobotState, now_ns: int) -> None:
@@ -535,12 +525,10 @@ def _paths(vehicle: vda.Vehicle, path: PlannedPath | None, now_ns: int) -> dict[
     if path is None or len(path.points) < 2:
         return {}
     points = [vehicle.waypoint(point.x_m, point.y_m) for point in path.points[:WAYPOINTS_MAX]]
-    along_m, last, waypoints = 0.0, len(points) - 1, []
-    for before, at in zip([points[0], *points], points, strict=False):
-        along_m += math.hypot(at.x - before.x, at.y - before.y)
-        eta_ns = now_ns + to_ns(along_m / (path.speed_m_s or SPEED_M_S))
-        waypoints.append({"x": at.x, "y": at.y, "eta": vda.timestamp(eta_ns)})
-    knots = [0.0, *(number / last for number in range(last + 1)), 1.0]
+    lengths_m = accumulate((math.dist(*ends) for ends in pairwise((at.x, at.y) for at in points)), initial=0.0)
+    etas = (vda.timestamp(now_ns + to_ns(length_m / (path.speed_m_s or SPEED_M_S))) for length_m in lengths_m)
+    waypoints = [{"x": at.x, "y": at.y, "eta": eta} for at, eta in zip(points, etas, strict=True)]
+    knots = [0.0, *(number / (len(points) - 1) for number in range(len(points))), 1.0]
     curve = {"degree": 1, "knotVector": knots, "controlPoints": points}
     return {"plannedPath": {"trajectory": curve}, "intermediatePath": {"polyline": waypoints}}
 
@@ -574,15 +562,11 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
     """
     should_stop, who = LiveStop(), "vda5050 fleet"
     make_folder(folder)
-    session = open_when_there(who, team_endpoints(connect), should_stop)
-    if session is None:
-        return
-    with (
-        closing(session),
-        live_endpoint(session, team) as wire,
-        closing(Asker(wire)) as tasks,
-        closing(Asker(wire)) as halts,  # they wait for no task
-    ):
+    with ExitStack() as stack:
+        wire = stack.enter_context(wire_when_there(who, connect, team, should_stop))
+        if wire is None:
+            return
+        tasks, halts = (stack.enter_context(closing(Asker(wire))) for _ in range(2))  # halts wait for no task
         inbox, events = Inbox(4096), Inbox(4096, every=True)
         wire.subscribe(inbox, robot_messages.ROBOT_STATE)
         wire.subscribe(inbox, robot_messages.ROBOT_PATH)

@@ -130,20 +130,6 @@ def _renamed(content: Any, names: dict[str, str]) -> Any:
     return content
 
 
-class SendTimes:
-    """When messages were last sent, by name."""
-
-    def __init__(self) -> None:
-        self._sent_ns: dict[str, int] = {}
-
-    def is_due(self, name: str, period_ns: int, now_ns: int) -> bool:
-        """Whether one was last sent at least a period ago; if so, the next one counts as sent now."""
-        is_due = now_ns - self._sent_ns.get(name, -period_ns) >= period_ns
-        if is_due:
-            self._sent_ns[name] = now_ns
-        return is_due
-
-
 def timestamp(now_ns: int) -> str:
     """A stamp of the live clock in the form of the standard."""
     stamp = datetime.datetime.fromtimestamp(to_seconds(now_ns), datetime.UTC)

@@ -79,8 +79,8 @@ class MqttLink:
     def __init__(
         self, vehicle: Vehicle, broker: Broker, client_id: str, topics: Sequence[str], wire: Endpoint, will: Will
     ) -> None:
-        self.connections = 0
-        """Number of times that it has connected."""
+        self.is_new = False
+        """Set when it has connected; for its owner to clear."""
         self.sent: Counter[str] = Counter()
         """Number of messages by name, which is the header id of the next one."""
         self._vehicle, self._topics, self._clock, self._refusals = vehicle, topics, wire.clock, wire.refusals
@@ -138,7 +138,7 @@ class MqttLink:
             self._report(str(reason))
             return
         client.subscribe([(self._vehicle.topic(name), 1) for name in self._topics])
-        self.connections += 1
+        self.is_new = True
         self._failure = ""
 
     def _report(self, failure: str) -> None:

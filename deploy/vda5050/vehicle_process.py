@@ -7,14 +7,14 @@ vehicle's state alone tells a restarted process what the vehicle does for the te
 import hashlib
 import re
 from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from itertools import pairwise
 from typing import Any
 
 import msgspec
 
 from robrain.deploy.command_line.output import print_message, print_result
-from robrain.deploy.processes.live_process import LiveStop, live_endpoint, open_when_there
+from robrain.deploy.processes.live_process import LiveStop, SendTimes, wire_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
 from robrain.deploy.vda5050 import messages as vda
 from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle, VehicleOrder
@@ -28,9 +28,8 @@ from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, Plug
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks import offer_messages
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
-from robrain.protocol.messages.team import team_messages
+from robrain.protocol.messages.team import team_messages, zone_messages
 from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
-from robrain.protocol.messages.team.zone_messages import COORDINATOR_ZONES, Zones
 from robrain.protocol.model.geometry import Point2D, Twist2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.halt_latch import HaltLatch
@@ -41,7 +40,6 @@ from robrain.protocol.reasons import OfferRefusal, RobotHalted, plain
 from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.schema.struct_schema import parameters_schema
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
-from robrain.protocol.wire.hub import team_endpoints
 
 PERIOD_S = 0.02
 STATE_NS = to_ns(0.1)
@@ -112,7 +110,7 @@ class VehicleRobot:
         self._team_halt_ns = 0
         """Stamp of the last halt or resume of the team."""
         self._resumed_ns = -RESUME_NS
-        self._times = vda.SendTimes()
+        self._times = SendTimes()
         self._sent = ("", -SETTLE_NS)
         """Id of the order that was sent last, and when."""
 
@@ -133,7 +131,7 @@ class VehicleRobot:
                 if is_first and (held := _read_order_id(message.order_id)) is not None:
                     self._received_ns = now_ns
                     self._begin(*held, self.continues_for_s)
-            case Zones():
+            case zone_messages.Zones():
                 self.zones = message.zones
             case Halt(by=by, stamp_ns=stamp_ns):
                 self._team_halt_ns = max(self._team_halt_ns, stamp_ns)
@@ -468,7 +466,7 @@ class VehicleMember:
         )
         wire.answer(host_messages.HOST_HALT, self._halt, serve=in_step, robot=name)
         wire.answer(host_messages.HOST_RESUME, self._resume, serve=in_step, robot=name)
-        for topic in (team_messages.HALT, team_messages.COORDINATOR_STATE, COORDINATOR_ZONES):
+        for topic in (team_messages.HALT, team_messages.COORDINATOR_STATE, zone_messages.COORDINATOR_ZONES):
             wire.subscribe(self._inbox, topic)
         with suppress(NobodyThere, CallError):  # there is no coordinator
             robot.handle(wire.ask(team_messages.COORDINATOR_HALT, timeout_s=ASK_TIMEOUT_S), now_ns())
@@ -522,9 +520,13 @@ class VehicleMember:
 
 def _plugins() -> list[PluginInfo]:
     """A behavior for each kind of task that a vehicle does."""
-    schemas = {kind: parameters_schema(STOCK_KINDS[kind]) for kind in KINDS}
-    kinds = [TaskKind(kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=schemas[kind]) for kind in KINDS]
-    return [PluginInfo(name=one.kind, level="behavior", state="active", task_kind=one) for one in kinds]
+    found = []
+    for kind in KINDS:
+        of_kind = TaskKind(
+            kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=parameters_schema(STOCK_KINDS[kind])
+        )
+        found.append(PluginInfo(name=kind, level="behavior", state="active", task_kind=of_kind))
+    return found
 
 
 def vehicle_command(robot: VehicleRobot, broker: Broker, connect: str | None, team: str) -> None:
@@ -541,39 +543,39 @@ def vehicle_command(robot: VehicleRobot, broker: Broker, connect: str | None, te
 
     """
     should_stop, who, address = LiveStop(), f"vda5050 vehicle {robot.name}", robot.address
-    session = open_when_there(who, team_endpoints(connect), should_stop)
-    if session is None:
-        return
     member: VehicleMember | None = None
-    with closing(session), claim_robot(session, team, robot.name) as claim, live_endpoint(session, team) as wire:
+    with ExitStack() as stack:
+        wire = stack.enter_context(wire_when_there(who, connect, team, should_stop))
+        if wire is None:
+            return
+        claim = stack.enter_context(claim_robot(wire.session, team, robot.name))
         if not claim.acquire(lambda text: print_message(f"{who}: {text}"), should_stop):
             return
         # Without a master, the broker cancels the order.
         delay_s = max(0, int(robot.continues_for_s - 1.5 * KEEPALIVE_S))
         will = "instantActions", instant_action("cancelOrder", f"will-{wire.clock.now_ns()}"), delay_s
-        with closing(
-            MqttLink(address, broker, f"robrain-{team}-{robot.name}", ("connection", "state"), wire, will)
-        ) as mqtt:
-            should_stop.ready()
-            print_result(f"{who}: master of {address.manufacturer}/{address.serial} at {broker.host}:{broker.port}")
-            watch = NameWatcher(claim, should_stop)
-            for _ in steps(watch, PERIOD_S):
-                now_ns = wire.clock.now_ns()
-                for message, _ in mqtt.receive():
-                    robot.handle(message, now_ns)
-                is_reachable = robot.is_online and mqtt.is_connected
-                for topic, body in robot.step(now_ns) if is_reachable else ():
-                    mqtt.publish(topic, body)
-                is_present = is_reachable and robot.is_known
-                if is_present and member is None:
-                    member = VehicleMember(Endpoint(session, team, wire.clock, wire.drive), robot, wire.refusals)
-                    print_result(f"{who}: up")
-                elif not is_present and member is not None:
-                    member.close()
-                    member = None
-                    print_result(f"{who}: the vehicle has disconnected")
-                if member is not None:
-                    member.step()
-            if member is not None:
+        link = MqttLink(address, broker, f"robrain-{team}-{robot.name}", ("connection", "state"), wire, will)
+        mqtt = stack.enter_context(closing(link))
+        should_stop.ready()
+        print_result(f"{who}: master of {address.manufacturer}/{address.serial} at {broker.host}:{broker.port}")
+        watch = NameWatcher(claim, should_stop)
+        for _ in steps(watch, PERIOD_S):
+            now_ns = wire.clock.now_ns()
+            for message, _ in mqtt.receive():
+                robot.handle(message, now_ns)
+            is_reachable = robot.is_online and mqtt.is_connected
+            for topic, body in robot.step(now_ns) if is_reachable else ():
+                mqtt.publish(topic, body)
+            is_present = is_reachable and robot.is_known
+            if is_present and member is None:
+                member = VehicleMember(Endpoint(wire.session, team, wire.clock, wire.drive), robot, wire.refusals)
+                print_result(f"{who}: up")
+            elif not is_present and member is not None:
                 member.close()
-            watch.check()
+                member = None
+                print_result(f"{who}: the vehicle has disconnected")
+            if member is not None:
+                member.step()
+        if member is not None:
+            member.close()
+        watch.check()
