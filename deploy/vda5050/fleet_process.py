@@ -66,13 +66,9 @@ Refusal = tuple[str, str]
 """An error type of version 3, and the text."""
 
 
-class KeptOrder(vda.VdaStruct):
-    """The current order with all its updates, as the gateway keeps it on disk."""
+class KeptOrder(vda.VehicleOrder):
+    """The current order with all its updates, as the gateway keeps it on disk; its id is empty before the first one."""
 
-    order_id: str = ""
-    order_update_id: int = 0
-    nodes: list[vda.OrderNode] = msgspec.field(default_factory=list)
-    edges: list[vda.OrderEdge] = msgspec.field(default_factory=list)
     cancelled_by: list[str] = msgspec.field(default_factory=list)
     """Ids of the actions that cancelled it."""
 
@@ -250,19 +246,17 @@ class RobotOrders:
             task.state, task.why = state, why
 
     def _update_tasks(self) -> None:
-        before, self.tasks = self.tasks, {}
-        serial = self._vehicle.serial
+        before, self.tasks, serial = self.tasks, {}, self._vehicle.serial
         digest = hashlib.sha256(f"{serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
         name = f"{_NOT_A_NAME.sub('_', self.kept.order_id)[:32]}-{digest}"
         after: list[str] = []
-        for node in self.kept.nodes:
+        for node in self._base:
             service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
-            if not node.released or not node.node_position or (node.sequence_id == 0 and not service_s):
-                continue
-            fields: dict[str, Any] = {"id": f"{name}-{node.sequence_id}", "needs": [serial], "after": after}
-            task = Task(kind=VISIT, place=self._vehicle.place(node.node_position), service_s=service_s, **fields)
-            self.tasks[task.id] = before.get(task.id) or NodeTask(node, task)
-            after = [task.id]
+            if node.node_position and (node.sequence_id or service_s):
+                key, place = f"{name}-{node.sequence_id}", self._vehicle.place(node.node_position)
+                task = Task(id=key, kind=VISIT, place=place, service_s=service_s, needs=[serial], after=after)
+                self.tasks[key] = before.get(key) or NodeTask(node, task)
+                after = [key]
 
     # -- state --------------------------------------------------------------------------------------------------------
 
@@ -344,18 +338,12 @@ def _wait_s(action: vda.OrderAction) -> float | None:
 # -- the process ------------------------------------------------------------------------------------------------------
 
 
-def read_order(folder: Path, robot: str) -> KeptOrder:
-    """The kept order of a robot; a blank one if it has none (UsageError if the file is damaged)."""
-    path = folder / f"{robot}.json"
+def read_order(path: Path) -> KeptOrder:
+    """The order in a file; a blank one if there is no file (UsageError if it is damaged)."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=KeptOrder) if path.exists() else KeptOrder()
+        return msgspec.json.decode(path.read_bytes(), type=KeptOrder) if path.exists() else KeptOrder("", 0, [], [])
     except (OSError, msgspec.DecodeError) as error:
         raise UsageError(f"{path}: {error}; move it away, and cancel the robot's tasks") from error
-
-
-def write_order(folder: Path, robot: str, kept: KeptOrder) -> None:
-    """Keep the order of a robot before it is acknowledged; it is on disk when this returns."""
-    write_file(folder / f"{robot}.json", msgspec.json.encode(kept))
 
 
 def ask_coordinator(wire: Endpoint, task: Task, *, is_cancelled: bool) -> TaskOutcome:
@@ -389,7 +377,7 @@ class RobotVehicle:
     Args:
         vehicle: its address; its serial number is the robot's name.
         broker: where it is shown.
-        folder: keeps the order.
+        file: keeps the order.
         wire: of the team.
         tasks: asks the coordinator.
         halts: asks robots.
@@ -397,12 +385,12 @@ class RobotVehicle:
     """
 
     def __init__(
-        self, vehicle: vda.Vehicle, broker: Broker, folder: Path, wire: Endpoint, tasks: Asker, halts: Asker
+        self, vehicle: vda.Vehicle, broker: Broker, file: Path, wire: Endpoint, tasks: Asker, halts: Asker
     ) -> None:
         self.state: RobotState | None = None
         self.path: PlannedPath | None = None
-        self.orders = RobotOrders(vehicle, read_order(folder, vehicle.serial))
-        self._vehicle, self._folder, self._wire, self._tasks, self._halts = vehicle, folder, wire, tasks, halts
+        self.orders = RobotOrders(vehicle, read_order(file))
+        self._vehicle, self._file, self._wire, self._tasks, self._halts = vehicle, file, wire, tasks, halts
         self._is_asking = self._has_failed = False
         """Whether the coordinator has yet to reply, and whether it did not reply to the last question."""
         self._times = SendTimes()
@@ -432,8 +420,8 @@ class RobotVehicle:
         self._last = None
         match message:
             case vda.VehicleOrder() as order:
-                if self.orders.handle_order(order, payload, self.state):
-                    write_order(self._folder, self._vehicle.serial, self.orders.kept)
+                if self.orders.handle_order(order, payload, self.state):  # it is on disk before it is acknowledged
+                    write_file(self._file, msgspec.json.encode(self.orders.kept))
             case vda.InstantActions(actions=actions):
                 for action in actions:
                     if action.action_id not in self.orders.instant:  # else it has come twice
@@ -446,7 +434,7 @@ class RobotVehicle:
         match action.action_type:
             case "cancelOrder":
                 if orders.cancel(action):
-                    write_order(self._folder, serial, orders.kept)
+                    write_file(self._file, msgspec.json.encode(orders.kept))
             case "startPause" | "stopPause" as kind:
 
                 def report(found: HaltReport | None, _error: str) -> None:
@@ -583,7 +571,8 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
             for received in inbox.drain():
                 name = received.message.robot
                 if name not in vehicles and name in there and len(vehicles) < ROBOTS_MAX:
-                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, folder, wire, tasks, halts)
+                    file = folder / f"{name}.json"
+                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, file, wire, tasks, halts)
                 if name in vehicles and received.topic is robot_messages.ROBOT_STATE:
                     vehicles[name].state = received.message
                 elif name in vehicles:

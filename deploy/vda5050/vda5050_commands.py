@@ -51,12 +51,11 @@ def vehicle(
     ] = 30.0,
 ) -> None:
     """Make a vehicle of another vendor a robot of the team: it does tasks to visit and to patrol."""
-    found = read_address(address, version, map_id, map_offset, map_yaw)
-    check_name("robot", name)
+    shown = read_address(address, version, map_id, map_offset, map_yaw)
     from robrain.deploy.vda5050.mqtt_link import Broker
     from robrain.deploy.vda5050.vehicle_process import VehicleRobot, vehicle_command
 
-    robot = VehicleRobot(name, found, radius, continues_for)
+    robot = VehicleRobot(check_name("robot", name), shown, radius, continues_for)
     vehicle_command(robot, Broker.read(broker, login, ca), connect, check_name("team", team))
 
 

@@ -26,8 +26,13 @@ from robrain.protocol.messages.robots import host_messages, robot_messages
 from robrain.protocol.messages.robots.host_messages import HaltAnswer
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, PluginFault, RobotState, TaskStatus
-from robrain.protocol.messages.tasks import offer_messages
-from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
+from robrain.protocol.messages.tasks.offer_messages import (
+    ROBOT_OFFER,
+    ROBOT_WITHDRAW,
+    TaskAnswer,
+    TaskOffer,
+    TaskWithdrawal,
+)
 from robrain.protocol.messages.team import team_messages, zone_messages
 from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Twist2D
@@ -300,8 +305,7 @@ class VehicleRobot:
         at, faults, moving = vehicle.position, _faults(vehicle), vehicle.velocity or vda.Velocity()
         lost = "" if at is not None else "the vehicle does not know its position"
         if at is not None and self.address.map_id not in ("", at.map_id):
-            lost = f"expected map {self.address.map_id}, got {at.map_id}"
-            at = None
+            at, lost = None, f"expected map {self.address.map_id}, got {at.map_id}"
         return RobotState(
             robot=self.name,
             pose=None if at is None else self.address.to_arena(at.x, at.y, at.theta),
@@ -450,20 +454,15 @@ class VehicleMember:
         self._wire, self._robot, self._refusals, name = wire, robot, refusals, robot.name
         self._inbox = Inbox()
         self._halts: list[tuple[int, Callable[[HaltAnswer | CallError], None]]] = []
-        self._published_ns = 0
+        self._times = SendTimes()
         self._last: object = None
         self._path: list[Point2D] = []
         self._states = wire.publisher(robot_messages.ROBOT_STATE, robot=name)
         self._paths = wire.publisher(robot_messages.ROBOT_PATH, robot=name)
-        now_ns = wire.clock.now_ns
-        in_step = Serve.IN_STEP
+        now_ns, in_step = wire.clock.now_ns, Serve.IN_STEP
         wire.answer(ROBOT_PLUGINS, lambda _: _plugins(), robot=name)
-        wire.answer(
-            offer_messages.ROBOT_OFFER, lambda request: robot.offer(request.asked, now_ns()), serve=in_step, robot=name
-        )
-        wire.answer(
-            offer_messages.ROBOT_WITHDRAW, lambda request: robot.withdraw(request.asked), serve=in_step, robot=name
-        )
+        wire.answer(ROBOT_OFFER, lambda request: robot.offer(request.asked, now_ns()), serve=in_step, robot=name)
+        wire.answer(ROBOT_WITHDRAW, lambda request: robot.withdraw(request.asked), serve=in_step, robot=name)
         wire.answer(host_messages.HOST_HALT, self._halt, serve=in_step, robot=name)
         wire.answer(host_messages.HOST_RESUME, self._resume, serve=in_step, robot=name)
         for topic in (team_messages.HALT, team_messages.COORDINATOR_STATE, zone_messages.COORDINATOR_ZONES):
@@ -490,9 +489,9 @@ class VehicleMember:
     def _publish(self, now_ns: int) -> None:
         state = msgspec.structs.replace(self._robot.robot_state(), refused=most_refused(self._refusals))
         news = (state.task, state.halted_by, state.not_halted)
-        if news != self._last or now_ns - self._published_ns >= STATE_NS:
+        if self._times.is_due("state", STATE_NS if news == self._last else 0, now_ns):
             self._states.put(state)
-            self._last, self._published_ns = news, now_ns
+            self._last = news
         path = self._robot.path
         if bool(path) != bool(self._path) or path[1:] != self._path[1:]:
             self._paths.put(PlannedPath(robot=self._robot.name, points=path))
@@ -520,13 +519,9 @@ class VehicleMember:
 
 def _plugins() -> list[PluginInfo]:
     """A behavior for each kind of task that a vehicle does."""
-    found = []
-    for kind in KINDS:
-        of_kind = TaskKind(
-            kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=parameters_schema(STOCK_KINDS[kind])
-        )
-        found.append(PluginInfo(name=kind, level="behavior", state="active", task_kind=of_kind))
-    return found
+    schemas = {kind: parameters_schema(STOCK_KINDS[kind]) for kind in KINDS}
+    kinds = [TaskKind(kind=kind, doc=STOCK_KINDS[kind].__doc__ or "", parameters=schemas[kind]) for kind in KINDS]
+    return [PluginInfo(name=one.kind, level="behavior", state="active", task_kind=one) for one in kinds]
 
 
 def vehicle_command(robot: VehicleRobot, broker: Broker, connect: str | None, team: str) -> None:

@@ -6,8 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from robrain.deploy.command_line.options import write_file
 from robrain.deploy.errors import UsageError
-from robrain.deploy.vda5050.fleet_process import KeptOrder, ask_coordinator, read_order, write_order
+from robrain.deploy.vda5050.fleet_process import KeptOrder, ask_coordinator, read_order
 from robrain.deploy.vda5050.messages import OrderNode
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.model.geometry import Point2D
@@ -36,11 +37,11 @@ def test_only_a_refusal_ends_a_task() -> None:
             ask_coordinator(wire, TASK, is_cancelled=is_cancelled)
 
 
-def test_an_order_is_on_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
-    assert read_order(tmp_path, "r1") == KeptOrder()
+def test_an_order_is_read_from_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    assert read_order(tmp_path / "r1.json").nodes == []
     kept = KeptOrder("o", 3, [OrderNode("n", 2, True, [])], [], ["c"])
-    write_order(tmp_path, "r1", kept)
-    assert read_order(tmp_path, "r1") == kept
+    write_file(tmp_path / "r1.json", msgspec.json.encode(kept))
+    assert read_order(tmp_path / "r1.json") == kept
     (tmp_path / "r1.json").write_bytes(msgspec.json.encode([1]))
     with pytest.raises(UsageError, match=r"r1\.json"):
-        read_order(tmp_path, "r1")
+        read_order(tmp_path / "r1.json")

@@ -43,7 +43,7 @@ def order(*nodes: dict[str, Any], update: int = 0, order_id: str = "o/1", **edge
 
 class Desk:
     def __init__(self, version: Version = Version.V3_0, kept: KeptOrder | None = None) -> None:
-        self.orders = RobotOrders(vehicle_of(version), kept or KeptOrder())
+        self.orders = RobotOrders(vehicle_of(version), kept or KeptOrder("", 0, [], []))
 
     def send(self, message: dict[str, Any]) -> bool:
         payload = msgspec.json.encode(message)
