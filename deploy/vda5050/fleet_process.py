@@ -249,14 +249,14 @@ class RobotOrders:
         before, self.tasks, serial = self.tasks, {}, self._vehicle.serial
         digest = hashlib.sha256(f"{serial}/{self.kept.order_id}".encode()).hexdigest()[:10]
         name = f"{_NOT_A_NAME.sub('_', self.kept.order_id)[:32]}-{digest}"
-        after: list[str] = []
+        after: tuple[str, ...] = ()
         for node in self._base:
             service_s = sum(_wait_s(action) or 0.0 for action in node.actions)
             if node.node_position and (node.sequence_id or service_s):
                 key, place = f"{name}-{node.sequence_id}", self._vehicle.place(node.node_position)
-                task = Task(id=key, kind=VISIT, place=place, service_s=service_s, needs=[serial], after=after)
+                task = Task(id=key, kind=VISIT, place=place, service_s=service_s, needs=(serial,), after=after)
                 self.tasks[key] = before.get(key) or NodeTask(node, task)
-                after = [key]
+                after = (key,)
 
     # -- state --------------------------------------------------------------------------------------------------------
 

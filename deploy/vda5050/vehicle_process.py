@@ -305,7 +305,7 @@ class VehicleRobot:
         at, faults, moving = vehicle.position, _faults(vehicle), vehicle.velocity or vda.Velocity()
         lost = "" if at is not None else "the vehicle does not know its position"
         if at is not None and self.address.map_id not in ("", at.map_id):
-            at, lost = None, f"expected map {self.address.map_id}, got {at.map_id}"
+            lost, at = f"expected map {self.address.map_id}, got {at.map_id}", None
         return RobotState(
             robot=self.name,
             pose=None if at is None else self.address.to_arena(at.x, at.y, at.theta),

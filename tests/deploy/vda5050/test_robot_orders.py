@@ -72,8 +72,8 @@ def test_each_released_node_becomes_a_task_after_the_one_before() -> None:
     desk = Desk()
     assert desk.send(order(node(0), node(1), node(2), node(3, False)))
     first, second = desk.tasks
-    assert (first.place.x_m, first.after, first.needs) == (1.0, [], ["r1"])
-    assert (second.place.x_m, second.after) == (2.0, [first.id])
+    assert (first.place.x_m, first.after, first.needs) == (1.0, (), ("r1",))
+    assert (second.place.x_m, second.after) == (2.0, (first.id,))
     assert desk.remaining == ["n1", "n2", "n3"]
     desk.end()
     assert desk.remaining == ["n2", "n3"]
