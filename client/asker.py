@@ -27,12 +27,13 @@ class Asker:
 
     Args:
         endpoint: of the team; None for a recording, which cannot be asked: then queries are dropped.
+        workers: how many are asked at a time.
 
     """
 
-    def __init__(self, endpoint: Endpoint | None) -> None:
+    def __init__(self, endpoint: Endpoint | None, *, workers: int = WORKERS) -> None:
         self._endpoint = endpoint
-        self._pool = ThreadPoolExecutor(WORKERS, thread_name_prefix="robrain-ask")
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="robrain-ask")
         self._answers: deque[tuple[Then[Any], Any, str]] = deque()
         self._waiting = 0
 

@@ -27,7 +27,7 @@ SETUPTOOLS_WITH_LICENSE_EXPRESSIONS = 77
 ONE_MECHANISM = {
     r"\bThread\(": "protocol/workers.py",
     r"\bPopen\(|os\.fork\(": "protocol/workers.py",
-    r"\bThreadPoolExecutor\(": "client/asker.py deploy/ros2/gateway_process.py",
+    r"\bThreadPoolExecutor\(": "client/asker.py",
     r"class \w*Backoff\b": "protocol/backoff.py",
     # Others wait for a message or for the next step, catch up after a pause of the machine, or have terms as leader.
     r"while not should_stop\(\)": "agent/host/live_drive.py coordinator/live.py deploy/processes/arena_process.py "

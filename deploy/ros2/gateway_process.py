@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from typing import Any, NamedTuple, TypeVar
 
@@ -11,6 +10,7 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid as Grid
+from robrain.client.asker import Asker, Then
 from robrain.client.team import Team
 from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
@@ -216,8 +216,6 @@ _NOT_A_WORD = re.compile(r"[^A-Za-z0-9_]")
 R = TypeVar("R")
 
 
-WAITING_MAX = 32
-"""Tasks that wait to be submitted, and halts likewise."""
 TEXT_MAX = 65_536
 """Characters of a task."""
 
@@ -258,23 +256,25 @@ class TeamOrders:
     def __init__(self, connect: Callable[[], Team], by: str) -> None:
         self._by = by
         self._tasks, self._halts = connect(), connect()
-        self._submitting = _OrderQueue("ros2-submit")
-        self._halting = _OrderQueue("ros2-halt")
+        self._submitting, self._halting = Asker(None, workers=1), Asker(None, workers=1)
 
-    def submit(self, text: str) -> "Future[OrderOutcome]":
+    def submit(self, text: str, then: Then[OrderOutcome]) -> None:
         """Submit a task, given as JSON."""
-        return self._submitting.put(lambda: submit(self._tasks, text))
+        self._submitting.call(lambda: submit(self._tasks, text), then)
 
-    def halt(self) -> "Future[OrderOutcome]":
+    def halt(self, then: Then[OrderOutcome]) -> None:
         """Halt all robots."""
-        return self._halting.put(lambda: halt(self._halts, self._by))
+        self._halting.call(lambda: halt(self._halts, self._by), then)
+
+    def deliver(self) -> None:
+        """Hand over the outcomes that have arrived."""
+        self._submitting.deliver()
+        self._halting.deliver()
 
     def close(self) -> None:
         """End, without the orders that have not begun."""
-        self._submitting.close()
-        self._halting.close()
-        self._tasks.close()
-        self._halts.close()
+        for part in (self._submitting, self._halting, self._tasks, self._halts):
+            part.close()
 
 
 def submit(team: Team, text: str) -> OrderOutcome:
@@ -302,27 +302,6 @@ def halt(team: Team, by: str) -> OrderOutcome:
     return OrderOutcome(not report.unconfirmed, "; ".join(lines))
 
 
-class _OrderQueue:
-    """Does orders one after the other on a thread."""
-
-    def __init__(self, name: str) -> None:
-        self._pool = ThreadPoolExecutor(1, name)
-        self._open: list[Future[OrderOutcome]] = []
-
-    def put(self, order: Callable[[], OrderOutcome]) -> "Future[OrderOutcome]":
-        self._open = [future for future in self._open if not future.done()]
-        if len(self._open) >= WAITING_MAX:
-            refused: Future[OrderOutcome] = Future()
-            refused.set_result(OrderOutcome(False, f"{WAITING_MAX} orders wait already"))
-            return refused
-        future = self._pool.submit(order)
-        self._open.append(future)
-        return future
-
-    def close(self) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-
 class Gateway:
     """Shows a team to ROS 2.
 
@@ -348,8 +327,6 @@ class Gateway:
         self._states: dict[str, RobotState] = {}
         self._tasks: dict[str, TaskEvent] = {}
         self._times = SendTimes()
-        self._waiting: list[tuple[Future[OrderOutcome], Callable[[OrderOutcome], None]]] = []
-        """Orders, and what passes their answers on."""
         if orders is not None:
             self._submissions = port.serve("submit_task", ros.SUBMIT_TASK)
             self._texts = port.subscribe("submit_task", ros.STRING)
@@ -438,20 +415,16 @@ class Gateway:
 
     def _answer(self, orders: TeamOrders) -> None:
         for halt in self._halts.requests():
-            self._waiting.append((orders.halt(), _reply(halt, TriggerResponse)))
+            orders.halt(_reply(halt, TriggerResponse))
         for asked in self._submissions.requests():
-            self._waiting.append((orders.submit(asked.request.task), _reply(asked, SubmitTaskResponse)))
+            orders.submit(asked.request.task, _reply(asked, SubmitTaskResponse))
         for received in self._texts.read():
-            self._waiting.append((orders.submit(received.message.data), self._reply_all))
-        waiting, self._waiting = self._waiting, []
-        for future, reply in waiting:
-            if future.done():
-                reply(future.result())
-            else:
-                self._waiting.append((future, reply))
+            orders.submit(received.message.data, self._reply_all)
+        orders.deliver()
 
-    def _reply_all(self, answer: OrderOutcome) -> None:
-        text = msgspec.json.encode({"accepted": answer.accepted, "answer": answer.text}).decode()
+    def _reply_all(self, found: OrderOutcome | None, why: str) -> None:
+        accepted, answer = found or (False, why)
+        text = msgspec.json.encode({"accepted": accepted, "answer": answer}).decode()
         self._write("task_answers", ros.STRING, RELIABLE, String(text))
 
 
@@ -460,8 +433,8 @@ def _is_placed(state: RobotState) -> bool:
     return state.pose is not None and state.frame == ARENA and not state.lost
 
 
-def _reply(request: PendingRequest[Any, R], response: Callable[[bool, str], R]) -> Callable[[OrderOutcome], None]:
-    return lambda answer: request.reply(response(answer.accepted, answer.text))
+def _reply(request: PendingRequest[Any, R], response: Callable[[bool, str], R]) -> Then[OrderOutcome]:
+    return lambda found, why: request.reply(response(*(found or (False, why))))
 
 
 PERIOD_S = 0.05

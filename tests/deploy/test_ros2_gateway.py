@@ -4,13 +4,13 @@ import json
 import math
 import threading
 import zlib
-from concurrent.futures import Future
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
 
+from robrain.client.asker import Then
 from robrain.client.halting import HaltReport
 from robrain.deploy.ros2.gateway_process import TEXT_MAX, Gateway, OrderOutcome, TeamOrders, halt, submit
 from robrain.protocol.clock import VirtualClock, to_ns
@@ -133,16 +133,16 @@ class KeptOrders(TeamOrders):
     """Orders that end when the test says so."""
 
     def __init__(self) -> None:
-        self.submitted: list[tuple[Any, Future[OrderOutcome]]] = []
-        self.halts: list[Future[OrderOutcome]] = []
+        self.submitted: list[tuple[Any, Then[OrderOutcome]]] = []
+        self.halts: list[Then[OrderOutcome]] = []
 
-    def submit(self, values: Any) -> Future[OrderOutcome]:
-        self.submitted.append((values, Future()))
-        return self.submitted[-1][1]
+    def submit(self, values: Any, then: Then[OrderOutcome]) -> None:
+        self.submitted.append((values, then))
 
-    def halt(self) -> Future[OrderOutcome]:
-        self.halts.append(Future())
-        return self.halts[-1]
+    def halt(self, then: Then[OrderOutcome]) -> None:
+        self.halts.append(then)
+
+    def deliver(self) -> None: ...
 
 
 class Bench(NamedTuple):
@@ -267,10 +267,9 @@ def test_a_name_that_ros_does_not_have_is_changed_and_two_never_share_one(bench)
 def test_a_task_is_answered_once_the_team_has_answered(bench):
     asked = bench.port.services["submit_task"].ask(TaskText("{}"))
     bench.step()
-    ((text, future),) = bench.orders.submitted
+    ((text, then),) = bench.orders.submitted
     assert (text, asked.response) == ("{}", None)
-    future.set_result(OrderOutcome(True, "visit-1"))
-    bench.step()
+    then(OrderOutcome(True, "visit-1"), "")
     assert asked.response == SubmitTaskResponse(True, "visit-1")
 
 
@@ -278,8 +277,7 @@ def test_a_halt_does_not_wait_for_a_task(bench):
     bench.port.services["submit_task"].ask(TaskText("{}"))
     halt = bench.port.services["halt"].ask(Nothing())
     bench.step()
-    bench.orders.halts[0].set_result(OrderOutcome(False, "r1: NOT halted: lost"))
-    bench.step()
+    bench.orders.halts[0](OrderOutcome(False, "r1: NOT halted: lost"), "")
     assert halt.response == TriggerResponse(False, "r1: NOT halted: lost")
 
 
