@@ -1,8 +1,12 @@
 """Every call of an assistant as one line of JSON in a file that does not grow without end."""
 
+import logging
 import os
+from contextlib import suppress
+from functools import partial
+from logging.handlers import RotatingFileHandler
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 import msgspec
 
@@ -39,6 +43,17 @@ class AuditRecord(msgspec.Struct, frozen=True, kw_only=True):
     duration_ms: float = 0.0
 
 
+class _OwnersFile(RotatingFileHandler):
+    """A file that only its owner may read; the caller gets its errors."""
+
+    def _open(self) -> Any:
+        return open(self.baseFilename, "a", encoding="utf-8", opener=partial(os.open, mode=OWNER_ONLY))
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Raise the error that is being handled."""
+        raise
+
+
 class AuditLog:
     """Writes the log; close it.
 
@@ -52,52 +67,27 @@ class AuditLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._file: BinaryIO | None = None
         try:
-            self._open()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = _OwnersFile(path, maxBytes=FILE_BYTES + 1, backupCount=FILES - 1)
         except OSError as error:
             raise AuditError(path, error) from error
 
     def write(self, record: AuditRecord) -> None:
         """Append a record; on disk when this returns (AuditError if it cannot be)."""
-        line = msgspec.json.encode(_bounded(record)) + b"\n"
+        line = msgspec.json.encode(_bounded(record)).decode()
         try:
-            if self._file is None:
-                self._open()
-            assert self._file is not None
-            if self._file.tell() + len(line) > FILE_BYTES and self._file.tell():
-                self._rotate()
-            self._file.write(line)
-            self._file.flush()
-            os.fsync(self._file.fileno())
+            self._file.emit(logging.makeLogRecord({"msg": line}))
+            assert self._file.stream is not None
+            os.fsync(self._file.stream.fileno())
         except OSError as error:
-            self.close()  # the next record tries again
+            self.close()  # the next record opens it again
             raise AuditError(self.path, error) from error
 
     def close(self) -> None:
         """Close the file."""
-        file, self._file = self._file, None
-        if file is not None:
-            try:
-                file.close()
-            except OSError:  # a full disk: the record was refused already
-                return
-
-    def _open(self) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, OWNER_ONLY)
-        self._file = os.fdopen(handle, "ab")
-
-    def _rotate(self) -> None:
-        self.close()
-        for number in range(FILES - 1, 0, -1):
-            earlier = self.path if number == 1 else self._numbered(number - 1)
-            if earlier.exists():
-                earlier.replace(self._numbered(number))
-        self._open()
-
-    def _numbered(self, number: int) -> Path:
-        return self.path.with_name(f"{self.path.name}.{number}")
+        with suppress(OSError):  # a full disk: the record was refused already
+            self._file.close()
 
 
 def _bounded(record: AuditRecord) -> AuditRecord:
