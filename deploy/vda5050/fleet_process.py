@@ -436,13 +436,9 @@ class RobotVehicle:
                 if orders.cancel(action):
                     write_file(self._file, msgspec.json.encode(orders.kept))
             case "startPause" | "stopPause" as kind:
-
-                def report(found: HaltReport | None, _error: str) -> None:
-                    orders.set_instant(action, "FAILED" if found is None or found.unconfirmed else "FINISHED")
-
                 orders.set_instant(action, "RUNNING")
                 wanted = Halt(halted=kind == "startPause", by=BY, reason=kind)
-                self._halts.call(lambda: order_robot(self._wire, serial, wanted), report)
+                self._halts.call(partial(order_robot, self._wire, serial, wanted), partial(self._record_halt, action))
             case "stateRequest":
                 orders.set_instant(action, "FINISHED")
             case "factsheetRequest":
@@ -450,6 +446,9 @@ class RobotVehicle:
                 orders.set_instant(action, "FINISHED")
             case kind:
                 orders.fail(action, "INVALID_INSTANT_ACTION", f"no robot can {kind}")
+
+    def _record_halt(self, action: vda.OrderAction, found: HaltReport | None, _error: str) -> None:
+        self.orders.set_instant(action, "FAILED" if found is None or found.unconfirmed else "FINISHED")
 
     def _ask_team(self, now_ns: int) -> None:
         if self._is_asking:

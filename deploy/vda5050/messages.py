@@ -57,9 +57,8 @@ class Differences(msgspec.Struct):
     """Names of fields; empty where the version has no such field."""
 
 
-DIFFERENCES = msgspec.toml.decode(
-    Path(__file__).with_name("versions.toml").read_bytes(), type=dict[Version, Differences]
-)
+_TABLES = Path(__file__).with_name("versions.toml").read_bytes()
+DIFFERENCES = msgspec.toml.decode(_TABLES, type=dict[Version, Differences])
 
 
 class VdaStruct(msgspec.Struct, rename="camel"):
@@ -187,23 +186,25 @@ class NodePosition(Waypoint):
         return min(allowed.get("a", 0.0), allowed.get("b", 0.0)) if isinstance(allowed, dict) else allowed or 0.0
 
 
-class OrderNode(VdaStruct):
+class OrderPart(VdaStruct):
+    """The fields that nodes and edges share."""
+
+    sequence_id: Number
+    released: bool
+    actions: Actions
+
+
+class OrderNode(OrderPart):
     """A node of an order."""
 
     node_id: Id
-    sequence_id: Number
-    released: bool
-    actions: Actions
     node_position: NodePosition | UnsetType = UNSET
 
 
-class OrderEdge(VdaStruct):
+class OrderEdge(OrderPart):
     """An edge of an order."""
 
     edge_id: Id
-    sequence_id: Number
-    released: bool
-    actions: Actions
     start_node_id: Id
     end_node_id: Id
 
@@ -353,9 +354,8 @@ class State(VdaStruct):
     @property
     def is_idle(self) -> bool:
         """Whether it does no order, also none whose actions still run."""
-        return not (self.node_states or self.edge_states) and all(
-            one.action_status in ENDED for one in self.action_states
-        )
+        is_under_way = any(one.action_status not in ENDED for one in self.action_states)
+        return not (self.node_states or self.edge_states or is_under_way)
 
 
 class VehicleConnection(VdaStruct):

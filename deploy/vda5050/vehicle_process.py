@@ -64,7 +64,6 @@ START_DEVIATION_M = 0.5
 VEHICLE = "vehicle"
 """Holder of a halt that is the vehicle's own pause; operators end it, or the vehicle."""
 ORDER_ID = re.compile(r"robrain:([A-Za-z0-9_.\-]+):([0-9]+)")
-STAY = re.compile(r"[0-9]{1,15}")
 DRIVES = ("AUTOMATIC", "SEMIAUTOMATIC")
 STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
@@ -108,6 +107,8 @@ class VehicleRobot:
         self.continues_for_s = continues_for_s
         self.is_online = False
         """Whether the vehicle is connected to the broker."""
+        self.is_known = False
+        """Whether the vehicle has sent its state."""
         self._vehicle = UNKNOWN
         self._work: _Work | None = None
         self._ended: TaskStatus | None = None
@@ -121,18 +122,13 @@ class VehicleRobot:
 
     # -- the vehicle's side -----------------------------------------------------------------------------------------
 
-    @property
-    def is_known(self) -> bool:
-        """Whether the vehicle has sent its state."""
-        return self._vehicle is not UNKNOWN
-
     def handle(self, message: object, now_ns: int) -> None:
         """Process a message of the vehicle or the team; the first state tells which task the vehicle does."""
         match message:
             case vda.VehicleConnection():
                 self.is_online = message.connection_state == "ONLINE"
             case State():
-                is_first, self._vehicle = not self.is_known, message
+                is_first, self._vehicle, self.is_known = not self.is_known, message, True
                 if is_first and (held := _read_order_id(message.order_id)) is not None:
                     self._received_ns = now_ns
                     self._begin(*held, self.continues_for_s)
@@ -371,8 +367,8 @@ class VehicleRobot:
         on_map = (self.address.waypoint(place.x_m, place.y_m) for place in places)
         stops = [at_start, *(vda.NodePosition(at.x, at.y, start.map_id) for at in on_map)]
         ids = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{to_ns(task.service_s)}"]
-        nodes = [vda.OrderNode(one, 2 * n, True, [], at) for n, (one, at) in enumerate(zip(ids, stops, strict=True))]
-        edges = [vda.OrderEdge(f"edge-{n}", 2 * n + 1, True, [], *ends) for n, ends in enumerate(pairwise(ids))]
+        nodes = [vda.OrderNode(2 * n, True, [], one, at) for n, (one, at) in enumerate(zip(ids, stops, strict=True))]
+        edges = [vda.OrderEdge(2 * n + 1, True, [], f"edge-{n}", *ends) for n, ends in enumerate(pairwise(ids))]
         return VehicleOrder(order_id, 0, nodes, edges)
 
 
@@ -405,7 +401,7 @@ def _read_order_id(order_id: str) -> tuple[str, int] | None:
 def _stay_ns(vehicle: State) -> int | None:
     """Time to stay at the last node of the order, once the vehicle has reached it; None before."""
     order_id, _, stay_ns = vehicle.last_node_id.rpartition(":")
-    return int(stay_ns) if order_id == vehicle.order_id and STAY.fullmatch(stay_ns) else None
+    return int(stay_ns) if order_id == vehicle.order_id and stay_ns.isdecimal() else None
 
 
 def _faults(vehicle: State) -> str:
@@ -427,12 +423,10 @@ def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str
         if zone_type is None or not zone.binds(robot):
             continue
         vertices = [vehicle.waypoint(x_m, y_m) for x_m, y_m in zone.corners_m]
-        content: dict[str, Any] = {"zoneId": zone.name, "zoneType": zone_type, "vertices": vertices}
-        if zone_type == "SPEED_LIMIT":
-            content["maximumSpeed"] = zone.speed_m_s
+        limit = {"maximumSpeed": zone.speed_m_s} if zone_type == "SPEED_LIMIT" else {}
         if zone_type == "PENALTY" and zone.cost_m is not None:
-            content["penaltyFactor"] = zone.cost_m / (1.0 + zone.cost_m)
-        found.append(content)
+            limit = {"penaltyFactor": zone.cost_m / (1.0 + zone.cost_m)}
+        found.append({"zoneId": zone.name, "zoneType": zone_type, "vertices": vertices, **limit})
     digest = hashlib.sha256(msgspec.json.encode([vehicle.map_id, found])).hexdigest()
     return {"mapId": vehicle.map_id, "zoneSetId": f"robrain-{digest[:16]}", "zones": found}
 

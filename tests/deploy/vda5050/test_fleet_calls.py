@@ -39,7 +39,7 @@ def test_only_a_refusal_ends_a_task() -> None:
 
 def test_an_order_is_read_from_disk_and_a_damaged_file_is_refused(tmp_path: Path) -> None:
     assert read_order(tmp_path / "r1.json").nodes == []
-    kept = KeptOrder("o", 3, [OrderNode("n", 2, True, [])], [], ["c"])
+    kept = KeptOrder("o", 3, [OrderNode(2, True, [], "n")], [], ["c"])
     write_file(tmp_path / "r1.json", msgspec.json.encode(kept))
     assert read_order(tmp_path / "r1.json") == kept
     (tmp_path / "r1.json").write_bytes(msgspec.json.encode([1]))
