@@ -1,7 +1,7 @@
 """Output of commands: results on stdout, progress and warnings on stderr, each line at once and harmless."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 
 def print_result(text: str) -> None:
@@ -30,10 +30,12 @@ def print_json(value: object) -> None:
     sys.stdout.flush()
 
 
-def print_either(value: object, lines: Iterable[str], *, as_json: bool) -> None:
-    """Print a value as JSON, or else the lines that say the same."""
+def print_either(value: object, shown: Iterable[str] | Callable[[], object], *, as_json: bool) -> None:
+    """Print a value as JSON, or else the lines that say the same, or call the function that shows it."""
     if as_json:
         print_json(value)
-        return
-    for line in lines:
-        print_result(line)
+    elif callable(shown):
+        shown()
+    else:
+        for line in shown:
+            print_result(line)

@@ -7,7 +7,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
 from robrain.deploy.command_line.options import JsonOption, RobotArgument
-from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.command_line.output import print_either, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import check_name
 
@@ -28,10 +28,7 @@ PluginArgument = Annotated[str, typer.Argument(help="Name of the plugin.")]
 def list_plugins(connect: ConnectTeam, robot: RobotArgument, as_json: JsonOption = False) -> None:
     """List a robot's plugins with state and reason."""
     infos = _team(connect, robot).plugins(robot)
-    if as_json:
-        print_json(infos)
-    else:
-        _show(infos)
+    print_either(infos, lambda: _show(infos), as_json=as_json)
 
 
 @plugin_app.team_command()

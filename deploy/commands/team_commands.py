@@ -8,7 +8,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, RobotArgument, TeamOption, WireFormat
-from robrain.deploy.command_line.output import print_json, print_result
+from robrain.deploy.command_line.output import print_either, print_result
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -128,10 +128,7 @@ def status(connect: ConnectOption = None, team: TeamOption = DEFAULT_TEAM, as_js
     from robrain.deploy.supervision.team_status import show_status, status_of
 
     found = status_of(connect, check_name("team", team))
-    if as_json:
-        print_json(found)
-    else:
-        show_status(found)
+    print_either(found, lambda: show_status(found), as_json=as_json)
 
 
 def one_robot(argument: str | None, option: str | None) -> str | None:
@@ -160,10 +157,7 @@ def scenarios(as_json: JsonOption = False) -> None:
     from robrain.sim.scenarios.scenario import listed_scenarios
 
     found = listed_scenarios()
-    if as_json:
-        print_json({"scenarios": found})
-    else:
-        _show(found)
+    print_either({"scenarios": found}, lambda: _show(found), as_json=as_json)
 
 
 def _show(found: "list[ListedScenario]") -> None:

@@ -9,7 +9,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import RECORDINGS, CommandApp
 from robrain.deploy.command_line.options import ConnectOption, JsonOption, TeamOption
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either
 from robrain.deploy.errors import UsageError
 from robrain.protocol.keys import DEFAULT_TEAM, check_name
 
@@ -146,7 +146,7 @@ def record(
             summary = record_team(
                 wire, path, split, rotation, comes_from, visual=visual, should_stop=should_stop, on_progress=show
             )
-    _print(summary, lambda: show_recorded(summary), as_json=as_json)
+    print_either(summary, lambda: show_recorded(summary), as_json=as_json)
 
 
 @foxglove_app.command()
@@ -180,7 +180,7 @@ def info(
 
     with progress("reading", quiet=as_json) as show:
         contents = read_contents(recording, show)
-    _print(contents, lambda: show_contents(contents, every_key=every_key), as_json=as_json)
+    print_either(contents, lambda: show_contents(contents, every_key=every_key), as_json=as_json)
 
 
 @recording_app.command()
@@ -192,7 +192,7 @@ def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
 
     with progress("checking", quiet=as_json) as show:
         verdict = check_recording(recording, show, surroundings_of_recording(recording))
-    _print(verdict, lambda: show_verdict(verdict), as_json=as_json)
+    print_either(verdict, lambda: show_verdict(verdict), as_json=as_json)
     if not verdict.good:
         raise typer.Exit(DIFFERENT)
 
@@ -219,7 +219,7 @@ def diff(
         if runs is not None:
             show_two_runs(runs)
 
-    _print({"same": same, "difference": difference, "runs": runs}, show_both, as_json=as_json)
+    print_either({"same": same, "difference": difference, "runs": runs}, show_both, as_json=as_json)
     if difference is not None:
         raise typer.Exit(DIFFERENT)
 
@@ -240,7 +240,7 @@ def recover(
     path = output if output is not None else recording.with_name(f"{recording.stem}_recovered{recording.suffix}")
     with progress("recovering", quiet=as_json) as show:
         recovery = recover_recording(recording, path, show)
-    _print(recovery, lambda: show_recovery(recovery), as_json=as_json)
+    print_either(recovery, lambda: show_recovery(recovery), as_json=as_json)
 
 
 @recording_app.command()
@@ -276,12 +276,4 @@ def export(
             files = export_map(recording, output, at_s, show)
         else:
             files = export_recording(recording, form or "csv", output, show)
-    _print({"files": files}, lambda: show_files(files), as_json=as_json)
-
-
-def _print(value: object, show: Callable[[], None], *, as_json: bool) -> None:
-    """Print a value as JSON, or else show it."""
-    if as_json:
-        print_json(value)
-    else:
-        show()
+    print_either({"files": files}, lambda: show_files(files), as_json=as_json)

@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either
 from robrain.deploy.command_line.terminal import console, new_table, results
 from robrain.deploy.processes.live_process import LiveStop, client_endpoint
 from robrain.deploy.supervision.part import (
@@ -180,7 +180,4 @@ def top_command(connect: str | None, team: str, *, once: bool, as_json: bool) ->
                 if live is not None:
                     live.update(Group(f"team {team}", members_table(members)))
         if prints_once and not should_stop():
-            if as_json:
-                print_json(members)
-            else:
-                results().print(members_table(members))
+            print_either(members, lambda: results().print(members_table(members)), as_json=as_json)

@@ -12,7 +12,7 @@ import typer
 from robrain.client.submission import AS_SENT, ChangeFields, TaskFields, any_zone, submission_of
 from robrain.deploy.command_line.command_group import OPERATE, CommandApp, ConnectTeam, Shown
 from robrain.deploy.command_line.options import JsonOption, place
-from robrain.deploy.command_line.output import print_either, print_json
+from robrain.deploy.command_line.output import print_either
 from robrain.deploy.errors import UsageError
 from robrain.deploy.tasks.task_files import (
     REMEDIES,
@@ -244,10 +244,7 @@ def list_tasks(
     states = [_state(text) for text in state or []] or (_open_states() if only_open else [])
     wanted = TaskFilter(states=states, kinds=kind or [], robot=robot, by=by, own=everything, limit=limit)
     records = connect().list(wanted)
-    if as_json:
-        print_json(records)
-    else:
-        show_table(records)
+    print_either(records, lambda: show_table(records), as_json=as_json)
 
 
 @task_app.team_command()

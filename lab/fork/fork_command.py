@@ -7,7 +7,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import JsonOption
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either, print_json
 
 if TYPE_CHECKING:
     from robrain.sim.scenarios.driving import Progress
@@ -88,10 +88,7 @@ def fork(
                 on_progress=_print_progress if as_json and show_progress else show,
             )
     runs = compare_runs(recording, path) if result.same_whole is not True else None
-    if as_json:
-        print_json({"fork": result, "runs": runs})
-    else:
-        show_fork(result, runs)
+    print_either({"fork": result, "runs": runs}, lambda: show_fork(result, runs), as_json=as_json)
     if result.ended == "interrupted":
         raise typer.Exit(INTERRUPTED)
     if not result.same_before or result.same_whole is False:

@@ -7,7 +7,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import RECORDINGS, CommandApp
 from robrain.deploy.command_line.options import JsonOption
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either
 
 report_app = CommandApp(RECORDINGS)
 
@@ -32,7 +32,5 @@ def report(
     folder = output if output is not None else recordings[0].with_name(f"{recordings[0].stem}_report")
     with progress("reading and drawing", quiet=as_json) as show:
         written = write_report(recordings, folder, show, forms=[form.strip() for form in forms.split(",")])
-    if as_json:
-        print_json(written)
-    else:
-        results().print(f"{shown(written.page)}, and {len(written.figures)} figures beside it", soft_wrap=True)
+    text = f"{shown(written.page)}, and {len(written.figures)} figures beside it"
+    print_either(written, lambda: results().print(text, soft_wrap=True), as_json=as_json)

@@ -7,7 +7,7 @@ import typer
 
 from robrain.deploy.command_line.command_group import SIMULATE, CommandApp
 from robrain.deploy.command_line.options import JsonOption
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either
 
 soak_app = CommandApp(SIMULATE)
 
@@ -63,10 +63,7 @@ def soak(
     )
     with soak_display(count, quiet=as_json) as show:
         result = run_soak(options, show)
-    if as_json:
-        print_json(result)
-    else:
-        show_soak(result)
+    print_either(result, lambda: show_soak(result), as_json=as_json)
     if result.interrupted:
         raise typer.Exit(INTERRUPTED)
     if result.failures or result.errors:
@@ -82,9 +79,6 @@ def _repeat(file: Path, *, as_json: bool) -> None:
     script = read_script(file)
     prepare_kernels(quiet=as_json)
     verdict = run_script(script)
-    if as_json:
-        print_json(verdict)
-    else:
-        show_script(script, verdict)
+    print_either(verdict, lambda: show_script(script, verdict), as_json=as_json)
     if verdict.broken:
         raise typer.Exit(BROKEN)

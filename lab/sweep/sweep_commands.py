@@ -16,7 +16,7 @@ from robrain.deploy.command_line.options import (
     TimeLimitOption,
     UntilOption,
 )
-from robrain.deploy.command_line.output import print_json
+from robrain.deploy.command_line.output import print_either
 
 sweep_app = CommandApp(SIMULATE)
 
@@ -76,11 +76,7 @@ def sweep(
     )
     with sweep_display(plan, quiet=as_json) as show:
         result = run_sweep(plan, options, show)
-    if as_json:
-        print_json(result)
-        sys.stdout.flush()
-    else:
-        show_sweep(result)
+    print_either(result, lambda: show_sweep(result), as_json=as_json)
     if result.interrupted:
         raise typer.Exit(INTERRUPTED)
     if result.errors:
