@@ -354,8 +354,8 @@ class State(VdaStruct):
     @property
     def is_idle(self) -> bool:
         """Whether it does no order, also none whose actions still run."""
-        is_under_way = any(one.action_status not in ENDED for one in self.action_states)
-        return not (self.node_states or self.edge_states or is_under_way)
+        has_actions = any(one.action_status not in ENDED for one in self.action_states)
+        return not (self.node_states or self.edge_states or has_actions)
 
 
 class VehicleConnection(VdaStruct):
