@@ -181,12 +181,8 @@ def _of_statement(parent: ast.AST, field: str, index: int, node: ast.stmt) -> It
     if isinstance(node, ast.If | ast.While):
         yield from _negated(node)
     for name, value in ast.iter_fields(node):
-        if name in {"annotation", "decorator_list", "returns", "args", "targets", "target", "items"}:
-            if name == "items" and isinstance(node, ast.With | ast.AsyncWith):
-                for item in node.items:
-                    yield from _of_expression(item, "context_expr", None, item.context_expr)
-            continue
-        yield from _of_value(node, name, value)
+        if name not in {"annotation", "decorator_list", "returns", "targets", "target"}:
+            yield from _of_value(node, name, value)
 
 
 def _of_value(node: ast.AST, name: str, value: object) -> Iterator[_Change]:
@@ -199,9 +195,14 @@ def _of_value(node: ast.AST, name: str, value: object) -> Iterator[_Change]:
             elif isinstance(item, ast.expr):
                 yield from _of_expression(node, name, index, item)
             elif isinstance(item, ast.ExceptHandler | ast.match_case):
-                for inner, inner_value in ast.iter_fields(item):
-                    if inner == "body":
-                        yield from _of_value(item, inner, inner_value)
+                yield from _of_value(item, "body", item.body)
+            elif isinstance(item, ast.withitem):
+                yield from _of_value(item, "context_expr", item.context_expr)
+            elif isinstance(item, ast.keyword):
+                yield from _of_value(item, "value", item.value)
+            elif isinstance(item, ast.comprehension):
+                yield from _of_value(item, "iter", item.iter)
+                yield from _of_value(item, "ifs", item.ifs)
 
 
 def _skipped(parent: ast.AST, field: str, index: int, node: ast.stmt) -> Iterator[_Change]:
@@ -243,17 +244,7 @@ def _of_expression(parent: ast.AST, field: str, index: int | None, node: ast.exp
     for new in _replacements(node):
         yield _Change(node, new, _Place(parent, field, index))
     for name, value in ast.iter_fields(node):
-        if name in {"annotation", "args"} and isinstance(node, ast.Lambda):
-            continue
-        if name == "keywords" and isinstance(node, ast.Call):
-            for keyword in node.keywords:
-                yield from _of_expression(keyword, "value", None, keyword.value)
-        elif name == "generators":
-            for generator in value:
-                yield from _of_expression(generator, "iter", None, generator.iter)
-                for number, test in enumerate(generator.ifs):
-                    yield from _of_expression(generator, "ifs", number, test)
-        elif name != "func" or not isinstance(value, ast.Name):
+        if name != "func" or not isinstance(value, ast.Name):
             yield from _of_value(node, name, value)
 
 
