@@ -16,7 +16,7 @@ from rich.text import Text
 from robrain.deploy.command_line.terminal import console, new_table, print_line, results, text_column
 from robrain.protocol.safe_text import safe_text
 from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.invariants.invariant import INVARIANTS, InvariantState, Ruling
+from robrain.recording.invariants.invariant import InvariantState, Ruling
 from robrain.recording.invariants.judging import broken
 from robrain.recording.reader.checking import Severity, Verdict
 from robrain.recording.reader.contents import KeyContents, RecordingContents
@@ -237,11 +237,11 @@ def _show_findings(console: Console, verdict: Verdict) -> None:
 def _show_invariants(console: Console, rulings: list[Ruling]) -> None:
     table = new_table("invariant", "", "cases")
     for ruling in rulings:
-        table.add_row(INVARIANTS[ruling.invariant], *_verdict(ruling))
+        table.add_row(ruling.invariant.words, *_verdict(ruling))
     console.print(table)
     for ruling in rulings:
         if ruling.breaches:
-            console.print(Text.assemble("\n", (INVARIANTS[ruling.invariant], "red"), ": broken"), soft_wrap=True)
+            console.print(Text.assemble("\n", (ruling.invariant.words, "red"), ": broken"), soft_wrap=True)
         for breach in ruling.breaches:
             print_line(f"  {shown(breach.text)}")
         if ruling.more:

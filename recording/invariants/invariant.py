@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import msgspec
 
@@ -21,51 +21,35 @@ KEPT_BREACHES = 10
 class Invariant(StrEnum):
     """A condition that every run must satisfy."""
 
-    TASK_KEPT = "task_kept"
+    words: str
+    """The condition in words."""
+    case: str
+    """What is judged; the first word is the noun."""
+
+    def __new__(cls, value: str, words: str, case: str) -> Self:
+        """Make the invariant, its name on the wire first."""
+        member = str.__new__(cls, value)
+        member._value_, member.words, member.case = value, words, case
+        return member
+
+    TASK_KEPT = "task_kept", "no task is lost", "task"
     """No accepted task is lost."""
-    TASK_AT_ONE = "task_at_one"
+    TASK_AT_ONE = "task_at_one", "no task is at two robots", "task"
     """No task is at two robots for longer than a lease."""
-    TASK_ONCE = "task_once"
+    TASK_ONCE = "task_once", "no task is done twice", "task done"
     """No task is done twice."""
-    NOT_STRANDED = "not_stranded"
+    NOT_STRANDED = "not_stranded", "no robot is stranded", "robot"
     """No robot is without energy away from a charger."""
-    WALLS = "walls"
+    WALLS = "walls", "no wall is crossed", "pose"
     """No robot's footprint is inside a wall."""
-    HALTS = "halts"
+    HALTS = "halts", "halts are obeyed", "halt"
     """Halts are obeyed."""
-    ENERGY = "energy"
+    ENERGY = "energy", "energy balances", "robot"
     """Energy balances: delivered energy never falls, and charge rises at chargers only."""
-    MUTUAL_WAIT = "mutual_wait"
+    MUTUAL_WAIT = "mutual_wait", "no two robots are stuck", "robot"
     """No two robots wait for each other for long."""
-    ZONES = "zones"
+    ZONES = "zones", "zones are obeyed", "zone"
     """Zones are obeyed."""
-
-
-INVARIANTS = {
-    Invariant.TASK_KEPT: "no task is lost",
-    Invariant.TASK_AT_ONE: "no task is at two robots",
-    Invariant.TASK_ONCE: "no task is done twice",
-    Invariant.NOT_STRANDED: "no robot is stranded",
-    Invariant.WALLS: "no wall is crossed",
-    Invariant.HALTS: "halts are obeyed",
-    Invariant.ENERGY: "energy balances",
-    Invariant.MUTUAL_WAIT: "no two robots are stuck",
-    Invariant.ZONES: "zones are obeyed",
-}
-"""Each invariant in words."""
-
-CASES = {
-    Invariant.TASK_KEPT: ("task", "tasks"),
-    Invariant.TASK_AT_ONE: ("task", "tasks"),
-    Invariant.TASK_ONCE: ("task done", "tasks done"),
-    Invariant.NOT_STRANDED: ("robot", "robots"),
-    Invariant.WALLS: ("pose", "poses"),
-    Invariant.HALTS: ("halt", "halts"),
-    Invariant.ENERGY: ("robot", "robots"),
-    Invariant.MUTUAL_WAIT: ("robot", "robots"),
-    Invariant.ZONES: ("zone", "zones"),
-}
-"""The cases of each invariant: one, several."""
 
 
 class InvariantState(StrEnum):
@@ -79,33 +63,26 @@ class InvariantState(StrEnum):
 class MissingEvidence(StrEnum):
     """Reason why an invariant could not be judged: missing data in the messages."""
 
-    BATTERIES = "batteries"
-    EVENTS = "events"
-    FLOOR = "floor"
-    RADIUS = "radius"
-    ROBOTS = "robots"
-    SIMULATOR = "simulator"
-    START = "start"
-    SUMMARIES = "summaries"
-    TASKS = "tasks"
-    TRUTH = "truth"
-    ZONES = "zones"
+    words: str
+    """The reason in words; `it` is the recording."""
 
+    def __new__(cls, value: str, words: str) -> Self:
+        """Make the reason, its name in files first."""
+        member = str.__new__(cls, value)
+        member._value_, member.words = value, words
+        return member
 
-MISSING = {
-    MissingEvidence.BATTERIES: "no robot reports a battery",
-    MissingEvidence.EVENTS: "changes of tasks are missing in it",
-    MissingEvidence.FLOOR: "the floor plan is not known",
-    MissingEvidence.RADIUS: "no robot reports its radius",
-    MissingEvidence.ROBOTS: "no robot reports its state",
-    MissingEvidence.SIMULATOR: "the floor plan needs the simulator: pip install 'robrain[sim]'",
-    MissingEvidence.START: "it begins in the middle of a run",
-    MissingEvidence.SUMMARIES: "it has no summaries of the coordinator",
-    MissingEvidence.TASKS: "it has no changes of tasks",
-    MissingEvidence.TRUTH: "it has no ground truth",
-    MissingEvidence.ZONES: "it has no zones",
-}
-"""Each reason in words; `it` is the recording."""
+    BATTERIES = "batteries", "no robot reports a battery"
+    EVENTS = "events", "changes of tasks are missing in it"
+    FLOOR = "floor", "the floor plan is not known"
+    RADIUS = "radius", "no robot reports its radius"
+    ROBOTS = "robots", "no robot reports its state"
+    SIMULATOR = "simulator", "the floor plan needs the simulator: pip install 'robrain[sim]'"
+    START = "start", "it begins in the middle of a run"
+    SUMMARIES = "summaries", "it has no summaries of the coordinator"
+    TASKS = "tasks", "it has no changes of tasks"
+    TRUTH = "truth", "it has no ground truth"
+    ZONES = "zones", "it has no zones"
 
 
 class Breach(msgspec.Struct, frozen=True, kw_only=True):
@@ -142,7 +119,8 @@ class Ruling(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def cases_text(self) -> str:
         """Amount that was judged, such as `12 tasks`."""
-        return f"{self.cases} {CASES[self.invariant][self.cases != 1]}"
+        noun, *more = self.invariant.case.split()
+        return " ".join((str(self.cases), noun if self.cases == 1 else f"{noun}s", *more))
 
 
 class FloorCharger(NamedTuple):
@@ -231,7 +209,7 @@ class InvariantJudge:
             broken=self._broken,
             breaches=self._breaches,
             missing=missing,
-            reason=MISSING[missing] if missing is not None else "",
+            reason=missing.words if missing is not None else "",
         )
 
     def break_(self, time_ns: int, code: str, text: str, values: dict[str, Any]) -> None:
