@@ -158,7 +158,7 @@ class ReplaySource:
         """Requested moves, each called with the time of the next step."""
         self._received_s: float | None = None
         self._messages = 0
-        self._set_speed(speed)
+        self.player.set_speed(speed)
         self.seek(start_s)
 
     @property
@@ -203,7 +203,7 @@ class ReplaySource:
 
     def set_speed(self, speed: float) -> None:
         """Set the speed, recorded seconds per second."""
-        self._asked.append(lambda _: self._set_speed(speed))
+        self._asked.append(lambda _: self.player.set_speed(speed))
 
     def _toggle(self, now_s: float) -> None:
         if self.player.playing:
@@ -212,12 +212,6 @@ class ReplaySource:
         if self.player.done:
             self._go_to(0.0, now_s)
         self.player.play()
-
-    def _set_speed(self, speed: float) -> None:
-        playing = self.player.playing
-        self.player.play(speed)
-        if not playing:
-            self.player.pause()
 
     def _go_to(self, time_s: float, now_s: float) -> None:
         time_s = min(max(time_s, 0.0), self.player.duration_s)

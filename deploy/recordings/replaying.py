@@ -104,10 +104,7 @@ class ReplayTerminal:
         player = self._replay.player
         others = [speed for speed in SPEEDS if (speed > player.speed if faster else speed < player.speed)]
         if others:
-            was_playing = player.playing
-            player.play(min(others) if faster else max(others))
-            if not was_playing:
-                player.pause()
+            player.set_speed(min(others) if faster else max(others))
 
 
 @contextmanager

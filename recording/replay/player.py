@@ -4,7 +4,8 @@
     player.prepare()
     for message in player.seek(90.0):        # state at 90 s
         ...
-    player.play(speed=4.0)
+    player.set_speed(4.0)
+    player.play()
     while playing:
         for message in player.step(clock.now_ns()):     # due
             ...
@@ -169,17 +170,21 @@ class Player:
         self._position_ns = self._file.start_ns
         self._played_from = None
 
-    def play(self, speed: float | None = None) -> None:
-        """Move on with every step from now on, at `speed` if given.
+    def play(self) -> None:
+        """Move on with every step from now on."""
+        self.playing = True
+        self._played_from = None
+
+    def set_speed(self, speed: float) -> None:
+        """Play at this speed from now on, if it plays.
 
         Raises:
             RecordingError: the speed is not above 0.
+
         """
-        if speed is not None:
-            if not 0 < speed < float("inf"):
-                raise RecordingError(self.path, f"cannot replay {self.path} at that speed: expected speed > 0")
-            self._speed = speed
-        self.playing = True
+        if not 0 < speed < float("inf"):
+            raise RecordingError(self.path, f"cannot replay {self.path} at that speed: expected speed > 0")
+        self._speed = speed
         self._played_from = None
 
     def pause(self) -> None:

@@ -1,6 +1,5 @@
 """Replay: publishes a recorded run again, under the same keys, at any pace, from any place."""
 
-import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -36,15 +35,14 @@ class Replay:
     """
 
     def __init__(self, endpoint: Endpoint, path: Path, speed: float = 1.0, loop: bool = False) -> None:
-        if not (math.isfinite(speed) and speed > 0):
-            raise RecordingError(path, f"cannot replay {path} at that speed: expected speed > 0, got {speed:g}")
         self.path = path
         self.info = recording_info(path)
         self._loop = loop
         self._closed = False
         self.player = Player(path)
         """Where it is. Pause and continue with it; seek with `seek`, which also publishes the state at that place."""
-        self.player.play(speed)
+        self.player.set_speed(speed)
+        self.player.play()
         self._publishers = _publishers(endpoint, list(self.info.counts))
         endpoint.answer(REPLAY_CONTROL, self._control, serve=Serve.IN_STEP)
         self._endpoint = endpoint
@@ -107,10 +105,7 @@ class Replay:
         wanted = request.asked
         try:
             if wanted.speed is not None:
-                was_playing = self.player.playing
-                self.player.play(wanted.speed)
-                if not was_playing:
-                    self.player.pause()
+                self.player.set_speed(wanted.speed)
             if wanted.seek_s is not None:
                 self.seek(wanted.seek_s)
             if wanted.playing is not None:

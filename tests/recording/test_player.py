@@ -99,7 +99,8 @@ def test_what_follows_a_seek_completes_the_map_of_the_whole_run(run: Path, prepa
 def test_playing_gives_every_message_once_and_in_order_when_it_is_due(run: Path, speed: float) -> None:
     player = Player(run)
     messages = list(read_messages(run))
-    player.play(speed)
+    player.set_speed(speed)
+    player.play()
     played: list[RecordedMessage] = []
     now_ns = 77 * NS_PER_S
     while not player.done:
@@ -122,7 +123,8 @@ def test_nothing_comes_while_it_is_paused_and_it_goes_on_where_it_was(run: Path)
     player.pause()
     assert player.step(9 * NS_PER_S) == []
     assert player.position_s == pytest.approx(2.0)
-    player.play(2.0)
+    player.set_speed(2.0)
+    player.play()
     player.step(20 * NS_PER_S)
     second = player.step(21 * NS_PER_S)
     assert player.position_s == pytest.approx(4.0)
@@ -206,4 +208,4 @@ def test_what_follows_a_clock_that_was_set_back_by_much_is_played_at_its_pace(
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_speed_that_is_none_is_refused(prepared: Player, speed: float) -> None:
     with pytest.raises(RecordingError, match="speed"):
-        prepared.play(speed)
+        prepared.set_speed(speed)
