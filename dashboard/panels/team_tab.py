@@ -20,6 +20,8 @@ CHART_PERIOD_S = 2.0
 MANY_ROWS = 25
 LIST_PERIOD_S = 2.5
 """Period of a longer table, which costs a browser more than the picture."""
+FOLDERS = {"Left to explore": left_html, "Mote field": field_html, "Missions": missions_html, "Rules": rules_html}
+"""Folders by title, with their contents; those without content are hidden."""
 
 
 class TeamTab(Tab):
@@ -35,18 +37,11 @@ class TeamTab(Tab):
         self._folder = gui.add_folder("Explored over time", visible=False)
         with self._folder:
             self._chart = add_chart(gui, "Explored (%)", ["explored"], (0.0, 100.0))
-        self._left_folder = gui.add_folder("Left to explore", visible=False)
-        with self._left_folder:
-            self._left = gui.add_html("")
-        self._field_folder = gui.add_folder("Mote field", visible=False)
-        with self._field_folder:
-            self._field = gui.add_html("")
-        self._missions_folder = gui.add_folder("Missions", visible=False)
-        with self._missions_folder:
-            self._missions = gui.add_html("")
-        self._rules_folder = gui.add_folder("Rules", visible=False)
-        with self._rules_folder:
-            self._rules = gui.add_html("")
+        self._folders = []
+        for title, content in FOLDERS.items():
+            folder = gui.add_folder(title, visible=False)
+            with folder:
+                self._folders.append((folder, gui.add_html(""), content))
         with gui.add_folder("Log", expand_by_default=False):
             self._log = gui.add_html("")
         self._charted_s: float | None = None
@@ -66,12 +61,8 @@ class TeamTab(Tab):
         if due or shown != self._listed or len(view.robots) <= MANY_ROWS:
             self._listed_s, self._listed = now_s, shown
             set_html(self._robots, robots_html(view, now_s, self._page.selected))
-        for folder, shown_html, html in (
-            (self._left_folder, self._left, left_html(view)),
-            (self._field_folder, self._field, field_html(view)),
-            (self._missions_folder, self._missions, missions_html(view)),
-            (self._rules_folder, self._rules, rules_html(view)),
-        ):
+        for folder, shown_html, content in self._folders:
+            html = content(view)
             set_visible(folder, bool(html))
             set_html(shown_html, html)
         set_html(self._log, log_html(view))
