@@ -23,23 +23,8 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.ranges import NotNegative, Positive
+from robrain.recording.drawing import palette
 
-Rgb = tuple[int, int, int]
-
-ROBOT_COLORS = np.array(
-    [
-        (230, 159, 0),
-        (86, 180, 233),
-        (0, 158, 115),
-        (204, 121, 167),
-        (213, 94, 0),
-        (240, 228, 66),
-        (0, 114, 178),
-        (170, 170, 170),
-    ],
-    np.float64,
-)
-"""The colours of Okabe and Ito, Color Universal Design (2008), in which the dashboard shows robots too."""
 ROBOT_BAND = np.array((245.0, 245.0, 245.0))
 ROBOT_DARK = np.array((28.0, 28.0, 32.0))
 CEILING = np.array((205.0, 205.0, 198.0))
@@ -328,7 +313,7 @@ class _Drawing:
         facing = np.maximum(0.0, -np.cos(normal_rad))
         front_rad = np.abs(np.remainder(normal_rad + self._pose.yaw_rad - robot.pose.yaw_rad + np.pi, math.tau) - np.pi)
         color = np.empty((*heights_m.shape, 3))
-        color[:] = ROBOT_COLORS[robot.number % len(ROBOT_COLORS)]
+        color[:] = palette.ROBOT_COLORS[robot.number % len(palette.ROBOT_COLORS)]
         color[(heights_m > 0.26) & (heights_m < 0.3)] = ROBOT_BAND
         color[(heights_m < 0.06) | ((heights_m > 0.1) & (heights_m < 0.24) & (front_rad < 0.5))] = ROBOT_DARK
         color *= ((0.45 + 0.55 * facing) * _faded(at_m))[None, :, None]

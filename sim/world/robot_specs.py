@@ -81,16 +81,7 @@ HARDWARE: Mapping[RobotType, dict[str, Any]] = MappingProxyType(
 )
 """Values of `[robot]` that a type changes. All values are chosen."""
 PLUGINS: Mapping[RobotType, dict[str, dict[str, Any]]] = MappingProxyType(
-    {
-        RobotType.OMNI: {},
-        RobotType.SCOUT: {},
-        RobotType.TWO_WHEELS: {},
-        RobotType.SERIAL: {},
-        RobotType.FOUR_OMNI: {},
-        RobotType.MECANUM: {},
-        RobotType.CAR: {},
-        RobotType.CARRIER: {"driver": {"speed_m_s": 0.4, "acceleration_m_s2": 0.5, "turn_rate_rad_s": 1.0}},
-    }
+    {RobotType.CARRIER: {"driver": {"speed_m_s": 0.4, "acceleration_m_s2": 0.5, "turn_rate_rad_s": 1.0}}}
 )
 """Parameters of plugins that a type changes."""
 
@@ -152,7 +143,7 @@ class RobotSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Parameters of its plugins."""
-        return merged(PLUGINS[self.type], self.plugins)
+        return merged(PLUGINS.get(self.type, {}), self.plugins)
 
     @property
     def load(self) -> list[str] | None:

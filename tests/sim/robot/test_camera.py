@@ -3,11 +3,11 @@ import pytest
 
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.recording.drawing.palette import ROBOT_COLORS
 from robrain.sim.robot.camera import (
     MOTE_POST,
     PLATE,
     PLATE_INK,
-    ROBOT_COLORS,
     Camera,
     CameraSpec,
     SeenMote,
