@@ -1,12 +1,9 @@
 """The place of a run, for the judges of its invariants: walls and chargers, as far as a recording has them."""
 
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from robrain.protocol.extras import missing_package
 from robrain.protocol.model.geometry import Point2D
@@ -16,12 +13,9 @@ from robrain.recording.provenance import MAP_ATTACHMENT, MAP_YAML_ATTACHMENT, Pr
 from robrain.recording.reader.reading import read_provenance
 
 if TYPE_CHECKING:  # recordings are checked without the simulator too
-    from robrain.sim.maps.floor_plan import FloorPlan
     from robrain.sim.scenarios.scenario import Scenario
 
 
-FAR_CELLS = 0.71
-"""Half a cell's diagonal: so much less than that of its cell's middle a place's clearance can be."""
 EXACT_UP_TO_M = 0.5
 """Beyond this a clearance is only reported as at least that of the cell (chosen: no hull of a robot is larger)."""
 
@@ -33,33 +27,8 @@ def surroundings_of(scenario: "Scenario") -> Surroundings:
         ScenarioError: its floor cannot be read.
 
     """
-    return Surroundings(clearance_on(scenario.plan()), _chargers(scenario))
-
-
-def clearance_on(plan: "FloorPlan") -> Callable[[float, float], float]:
-    """A function that gives the distance in metres from a place (x, y), arena frame, to the nearest wall of a floor.
-
-    It is 0 inside a wall and off the floor, and exact up to `EXACT_UP_TO_M`.
-    """
-    reach = int(np.ceil(EXACT_UP_TO_M / plan.resolution_m)) + 1
-    width_m, height_m = plan.size_m
-
-    def clearance(x_m: float, y_m: float) -> float:
-        row, column = plan.cell_of(x_m, y_m)
-        if not plan.holds_cell(row, column):
-            return 0.0
-        of_cell_m = float(plan.clearance_m[row, column]) - FAR_CELLS * plan.resolution_m
-        if of_cell_m > EXACT_UP_TO_M:
-            return of_cell_m
-        x_m, y_m = x_m - plan.origin_x_m, y_m - plan.origin_y_m
-        top, left = max(0, row - reach), max(0, column - reach)
-        rows, columns = np.nonzero(plan.occupied[top : row + reach + 1, left : column + reach + 1])
-        beyond_x_m = np.abs((columns + left + 0.5) * plan.resolution_m - x_m) - plan.resolution_m / 2
-        beyond_y_m = np.abs((rows + top + 0.5) * plan.resolution_m - y_m) - plan.resolution_m / 2
-        to_wall_m = np.hypot(np.maximum(beyond_x_m, 0.0), np.maximum(beyond_y_m, 0.0)).min(initial=np.inf)
-        return min(float(to_wall_m), x_m, width_m - x_m, y_m, height_m - y_m)
-
-    return clearance
+    plan = scenario.plan()
+    return Surroundings(lambda x_m, y_m: plan.wall_distance_m(x_m, y_m, EXACT_UP_TO_M), _chargers(scenario))
 
 
 def surroundings_of_recording(path: Path) -> Surroundings:

@@ -135,7 +135,7 @@ def occupied_cells(name: str) -> NDArray[np.bool_]:
     draw, (x_m, y_m), _ = FLOORS[name]
     plan = rasterise(draw(), name)
     regions, _ = ndimage.label(~plan.occupied)
-    return np.asarray(regions != regions[plan.cell_of(x_m, y_m)])
+    return np.asarray(regions != regions[plan.geometry.cell_of(x_m, y_m)])
 
 
 def main() -> None:

@@ -152,10 +152,7 @@ def _submit(team: Team, plan: FloorPlan, cells: np.ndarray, rng: np.random.Gener
     """Submit a task at a place that is known to be free (UsageError if the team refuses many)."""
     for _ in range(TRIES_MAX):
         row, column = cells[rng.integers(len(cells))].tolist()
-        place = (
-            plan.origin_x_m + (column + 0.5) * plan.resolution_m,
-            plan.origin_y_m + (row + 0.5) * plan.resolution_m,
-        )
+        place = plan.geometry.center_of(row, column)
         service_s = SERVICES_S[rng.integers(len(SERVICES_S))]
         try:
             if rng.random() < 0.3:

@@ -32,7 +32,6 @@ from robrain.lab.bench.mapping_plan import (
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.registry import UnknownEntry
 from robrain.sim.errors import RunFailed
 from robrain.sim.maps.floor_plan import FloorPlan
@@ -97,28 +96,27 @@ def _farthest_m(lengths_m: Floats) -> float:
 def _away_m(plan: FloorPlan, start: Point2D, radius_m: float) -> tuple[np.ndarray, Floats]:
     """Whether robots can stand at each cell, and the length of the path to it, metres; both (rows, columns)."""
     reachable = plan.reachable([start], least_clearance_m(radius_m))
-    at = np.array([plan.cell_of(start.x_m, start.y_m)], dtype=np.int64)
+    at = np.array([plan.geometry.cell_of(start.x_m, start.y_m)], dtype=np.int64)
     field = distance_field(reachable, np.ones(reachable.shape, np.float32), at)
     return reachable, field.astype(np.float64) * plan.resolution_m
 
 
 def _seen_m(plan: FloorPlan, cells: np.ndarray, away_m: Floats, range_m: float) -> Floats:
     """Length of the shortest path to one of the cells that sees a cell, (rows, columns), metres; inf if none does."""
-    height, width = plan.occupied.shape
-    geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, width, height)
+    geometry = plan.geometry
     walls = plan.occupied.copy()  # writable: a read-only array would be copied for every ray
     angles_rad = np.linspace(-math.pi, math.pi, RAYS, endpoint=False)
     along_m = np.arange(0.0, range_m, 0.7 * plan.resolution_m)
     x_m = along_m * np.cos(angles_rad)[:, np.newaxis]
     y_m = along_m * np.sin(angles_rad)[:, np.newaxis]
-    seen_m = np.full((height, width), np.inf)
+    seen_m = np.full(geometry.shape, np.inf)
     for row, column in cells.tolist():
         place = geometry.center_of(row, column)
         ranges_m = cast_rays_of(walls, geometry, Pose2D(place.x_m, place.y_m, 0.0), angles_rad, range_m, NOBODY)
         is_seen = along_m < np.minimum(ranges_m, range_m)[:, np.newaxis]
         rows = ((place.y_m + y_m[is_seen] - plan.origin_y_m) / plan.resolution_m).astype(np.int64)
         columns = ((place.x_m + x_m[is_seen] - plan.origin_x_m) / plan.resolution_m).astype(np.int64)
-        is_inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        is_inside = (rows >= 0) & (rows < geometry.height) & (columns >= 0) & (columns < geometry.width)
         rows, columns = rows[is_inside], columns[is_inside]
         seen_m[rows, columns] = np.minimum(seen_m[rows, columns], away_m[row, column])
     return seen_m

@@ -7,9 +7,8 @@ from robrain.algorithms.mapping.occupancy_grid import PatchCells
 from robrain.algorithms.slam.map_patch import to_message
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import ArenaPreparation, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN
 from robrain.protocol.wire.endpoint import Endpoint
-from robrain.sim.maps.floor_plan import FloorPlan
+from robrain.sim.maps.floor_plan import FloorPlan, classes_on
 from robrain.sim.maps.wall_shapes import touchable_cells
 from robrain.sim.world.referee import team_geometry
 from robrain.sim.world.world import World
@@ -65,13 +64,4 @@ def floor_classes(plan: FloorPlan) -> NDArray[np.int8]:
 
     A cell is occupied if it has a part of a wall's surface, and unknown inside walls and outside the plan.
     """
-    geometry = team_geometry(plan)
-    classes = np.full(geometry.shape, UNKNOWN, np.int8)
-    for mask, value in ((~plan.occupied, FREE), (touchable_cells(plan.occupied), OCCUPIED)):
-        rows, columns = np.nonzero(mask)
-        x_m = plan.origin_x_m + (columns + 0.5) * plan.resolution_m
-        y_m = plan.origin_y_m + (rows + 0.5) * plan.resolution_m
-        row = ((y_m - geometry.origin_y_m) / geometry.resolution_m).astype(np.int64)
-        column = ((x_m - geometry.origin_x_m) / geometry.resolution_m).astype(np.int64)
-        classes[row, column] = value
-    return classes
+    return classes_on(team_geometry(plan), plan.geometry, ~plan.occupied, touchable_cells(plan.occupied))

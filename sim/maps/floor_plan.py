@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from robrain.protocol.model.geometry import Point2D
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from robrain.recording.errors import MapError
 from robrain.recording.reader.map_server import read_free
+
+FAR_CELLS = 0.71
+"""Half a cell's diagonal: so much less than that of its cell's middle a place's clearance can be."""
 
 
 class PlacementError(MapError):
@@ -41,19 +45,17 @@ class FloorPlan:
         occupied.setflags(write=False)
         object.__setattr__(self, "occupied", occupied)
 
+    @cached_property
+    def geometry(self) -> GridGeometry:
+        """Position of its cells in the arena frame."""
+        rows, columns = self.occupied.shape
+        return GridGeometry(self.resolution_m, self.origin_x_m, self.origin_y_m, columns, rows)
+
     @property
     def size_m(self) -> tuple[float, float]:
         """Width along x and height along y, metres."""
         rows, cols = self.occupied.shape
         return cols * self.resolution_m, rows * self.resolution_m
-
-    @cached_property
-    def occupied_cells(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of the occupied cells. Read-only."""
-        rows, columns = np.nonzero(self.occupied)
-        rows.setflags(write=False)
-        columns.setflags(write=False)
-        return rows, columns
 
     @cached_property
     def clearance_m(self) -> NDArray[np.float64]:
@@ -68,33 +70,34 @@ class FloorPlan:
 
     def clearance_at(self, x_m: float, y_m: float) -> float:
         """Clearance of the cell that holds a point, metres; 0 outside the grid."""
-        cell = self.cell_of(x_m, y_m)
-        return float(self.clearance_m[cell]) if self.holds_cell(*cell) else 0.0
+        cell = self.geometry.cell_of(x_m, y_m)
+        return float(self.clearance_m[cell]) if self.geometry.contains(*cell) else 0.0
 
-    def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
-        """(row, col) of the cell that holds a point in the arena frame; outside the grid if the point is.
+    def wall_distance_m(self, x_m: float, y_m: float, exact_up_to_m: float) -> float:
+        """Distance in metres from a place, arena frame, to the nearest wall; 0 inside a wall and off the floor.
 
-        Raises ValueError or OverflowError for coordinates that are not finite.
+        Beyond `exact_up_to_m` it is at least as long as the returned distance.
         """
-        row = math.floor((y_m - self.origin_y_m) / self.resolution_m)
-        col = math.floor((x_m - self.origin_x_m) / self.resolution_m)
-        return row, col
-
-    def centre_of(self, row: int, col: int) -> Point2D:
-        """The centre of a cell, metres, arena frame."""
-        return Point2D(
-            self.origin_x_m + (col + 0.5) * self.resolution_m, self.origin_y_m + (row + 0.5) * self.resolution_m
-        )
-
-    def holds_cell(self, row: int, col: int) -> bool:
-        """Whether (row, col) lies on the grid."""
-        rows, cols = self.occupied.shape
-        return bool(0 <= row < rows and 0 <= col < cols)
+        row, column = self.geometry.cell_of(x_m, y_m)
+        if not self.geometry.contains(row, column):
+            return 0.0
+        of_cell_m = float(self.clearance_m[row, column]) - FAR_CELLS * self.resolution_m
+        if of_cell_m > exact_up_to_m:
+            return of_cell_m
+        x_m, y_m = x_m - self.origin_x_m, y_m - self.origin_y_m
+        width_m, height_m = self.size_m
+        reach = math.ceil(exact_up_to_m / self.resolution_m) + 1
+        top, left = max(0, row - reach), max(0, column - reach)
+        rows, columns = np.nonzero(self.occupied[top : row + reach + 1, left : column + reach + 1])
+        beyond_x_m = np.abs((columns + left + 0.5) * self.resolution_m - x_m) - self.resolution_m / 2
+        beyond_y_m = np.abs((rows + top + 0.5) * self.resolution_m - y_m) - self.resolution_m / 2
+        to_wall_m = np.hypot(np.maximum(beyond_x_m, 0.0), np.maximum(beyond_y_m, 0.0)).min(initial=np.inf)
+        return min(float(to_wall_m), x_m, width_m - x_m, y_m, height_m - y_m)
 
     def contains_free(self, x_m: float, y_m: float) -> bool:
         """Whether a point in the arena frame lies on the grid and in no wall."""
-        row, col = self.cell_of(x_m, y_m)
-        return self.holds_cell(row, col) and not bool(self.occupied[row, col])
+        row, col = self.geometry.cell_of(x_m, y_m)
+        return self.geometry.contains(row, col) and not bool(self.occupied[row, col])
 
     def reachable(self, starts: list[Point2D], radius_m: float) -> NDArray[np.bool_]:
         """(H, W), the free cells that a round body of radius_m can sweep from any of the starts.
@@ -106,13 +109,36 @@ class FloorPlan:
         passable = ~self.occupied & (self.clearance_m >= radius_m)
         # scipy's default structure in the plane is the 4-neighbourhood.
         labels, _ = ndimage.label(passable)
-        cells = (self.cell_of(start.x_m, start.y_m) for start in starts)
-        held = {int(labels[cell]) for cell in cells if self.holds_cell(*cell)} - {0}
+        cells = (self.geometry.cell_of(start.x_m, start.y_m) for start in starts)
+        held = {int(labels[cell]) for cell in cells if self.geometry.contains(*cell)} - {0}
         if not held:
             return np.zeros_like(self.occupied)
         roamed = np.isin(labels, sorted(held))
         distance_m = ndimage.distance_transform_edt(~roamed) * self.resolution_m
         return ~self.occupied & (distance_m <= radius_m + self.resolution_m / 2)
+
+
+def classes_on(
+    geometry: GridGeometry, own: GridGeometry, free: NDArray[np.bool_], surface: NDArray[np.bool_]
+) -> NDArray[np.int8]:
+    """(H, W) classes of the cells of a grid.
+
+    Args:
+        geometry: of the grid.
+        own: of the two masks.
+        free: cells between walls; where both fall on one cell, it is occupied.
+        surface: cells at the surfaces of walls. Cells in neither are unknown.
+
+    """
+    classes = np.full(geometry.shape, UNKNOWN, np.int8)
+    for mask, value in ((free, FREE), (surface, OCCUPIED)):
+        rows, columns = np.nonzero(mask)
+        x_m = own.origin_x_m + (columns + 0.5) * own.resolution_m
+        y_m = own.origin_y_m + (rows + 0.5) * own.resolution_m
+        row = ((y_m - geometry.origin_y_m) / geometry.resolution_m).astype(np.int64)
+        column = ((x_m - geometry.origin_x_m) / geometry.resolution_m).astype(np.int64)
+        classes[row, column] = value
+    return classes
 
 
 def distance_to_cells_m(marked: NDArray[np.bool_], resolution_m: float) -> NDArray[np.float64]:

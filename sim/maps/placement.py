@@ -52,7 +52,7 @@ def spawn_poses(
         region = _roomiest_region(fitting)
         anchor = _spot_with_room(plan, region, radius_m + spacing_m * math.sqrt(USUAL_TEAM) / 2, rng)
     else:
-        if not plan.holds_cell(*plan.cell_of(near.x_m, near.y_m)):
+        if not plan.geometry.contains(*plan.geometry.cell_of(near.x_m, near.y_m)):
             raise PlacementError(
                 f"{plan.name}: expected a start on the map, {_extent(plan)}; got {near.x_m:g}, {near.y_m:g}"
             )
@@ -65,7 +65,7 @@ def spawn_poses(
             f"{plan.name}: {count} robots of radius {radius_m:g} m asked for at {spacing_m:g} m spacing, "
             f"{len(cells)} fit"
         )
-    points = [plan.centre_of(*cell) for cell in cells]
+    points = [plan.geometry.center_of(*cell) for cell in cells]
     return [Pose2D(point.x_m, point.y_m, wrap_angle_rad(float(rng.uniform(-math.pi, math.pi)))) for point in points]
 
 
@@ -123,7 +123,7 @@ def scatter_points(
         chosen.append(best)
         offset = (cells - cells[best]) * plan.resolution_m
         apart_m = np.minimum(apart_m, np.hypot(offset[:, 0], offset[:, 1]))
-    return [plan.centre_of(int(row), int(col)) for row, col in cells[chosen]]
+    return [plan.geometry.center_of(int(row), int(col)) for row, col in cells[chosen]]
 
 
 def _relaxed(spacing_m: float, resolution_m: float) -> float:

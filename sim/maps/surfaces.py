@@ -93,8 +93,6 @@ class FloorSurfaces:
     def draw(cls, spec: SurfaceSpec, plan: FloorPlan, seed: int) -> Self:
         """Draw the surfaces of a floor; the same seed gives the same ones."""
         rng = np.random.default_rng([seed, _RNG_OF_SURFACES])
-        rows, columns = plan.occupied.shape
-        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
         cells = np.where(plan.occupied, SOLID, 0).astype(np.uint8)
         length = max(1, round(spec.stretch_m / plan.resolution_m))
         shortest = max(1, round(STRAIGHT_M / plan.resolution_m))
@@ -105,7 +103,7 @@ class FloorSurfaces:
         sides = _sides(plan.occupied, shortest, length)
         for stretch in _chosen(sides, spec.mirror_share, rng):
             cells[stretch.row : stretch.last_row, stretch.column : stretch.last_column] |= stretch.surface
-        surfaces = cls(cells, geometry, spec.echo_rad)
+        surfaces = cls(cells, plan.geometry, spec.echo_rad)
         surfaces.cast(Pose2D(0.0, 0.0, 0.0), np.zeros(1), 1.0, np.zeros((1, 3)))  # compiled before the first tick
         return surfaces
 

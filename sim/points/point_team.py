@@ -16,10 +16,11 @@ from robrain.algorithms.mapping.ray_cast import cast_rays_of
 from robrain.algorithms.navigation.navigation_grid import clearance_m
 from robrain.algorithms.numeric.kernel_array import Floats
 from robrain.protocol.model.geometry import Point2D, Pose2D, Twist2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
+from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.sim.faults.fault_spec import HARDWARE, FaultKind, FaultSpec
 from robrain.sim.firmware.battery import J_PER_WH
 from robrain.sim.firmware.motor_controller import WATCHDOG_S
+from robrain.sim.maps.floor_plan import classes_on
 from robrain.sim.robot.robot_body import MASS_KG
 from robrain.sim.robot.robot_hardware import ArenaRobot
 
@@ -57,18 +58,8 @@ class PointFloor:
 
     def classes(self, geometry: GridGeometry) -> NDArray[np.int8]:
         """(H, W) of another grid: OCCUPIED at the surfaces of walls, FREE between them, UNKNOWN elsewhere."""
-        own = self._geometry
-        rows, columns = np.indices(self._walls.shape)
-        row = np.floor((own.origin_y_m + (rows + 0.5) * own.resolution_m - geometry.origin_y_m) / geometry.resolution_m)
-        column = np.floor(
-            (own.origin_x_m + (columns + 0.5) * own.resolution_m - geometry.origin_x_m) / geometry.resolution_m
-        )
-        classes = np.full(geometry.shape, UNKNOWN, np.int8)
-        at = row.astype(np.int64), column.astype(np.int64)
-        surface = self._walls & (clearance_m(~self._walls, 1.0, 2.0) < 2.0)
-        classes[at[0][~self._walls], at[1][~self._walls]] = FREE
-        classes[at[0][surface], at[1][surface]] = OCCUPIED
-        return classes
+        walls = self._walls
+        return classes_on(geometry, self._geometry, ~walls, walls & (clearance_m(~walls, 1.0, 2.0) < 2.0))
 
 
 class PointRobot:

@@ -22,7 +22,7 @@ from robrain.client.team import Team
 from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.protocol.links.exchange import EVERYWHERE
 from robrain.protocol.model.geometry import Point2D
-from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, GridGeometry
+from robrain.protocol.model.grid_geometry import FREE, OCCUPIED
 from robrain.protocol.model.rules.mission import Mission
 from robrain.protocol.model.rules.rule import Rule
 from robrain.protocol.toml_text import toml_of
@@ -48,7 +48,6 @@ from robrain.sim.scenarios.driving import Progress, drive
 from robrain.sim.scenarios.scenario_file import MapTable, MotesTable, ScenarioTable, ScenarioTables, TeamTable
 from robrain.sim.traffic.specs import TrafficSpec
 from robrain.sim.traffic.traffic import plan_traffic
-from robrain.sim.world.arena import clearance_m
 from robrain.sim.world.chargers import ChargerSpec
 from robrain.sim.world.link_spec import LinkSpec, check_alone
 from robrain.sim.world.robot_specs import RobotSpec
@@ -246,9 +245,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         """The floor as the team knows it (MapError, RecordingError)."""
         if isinstance(self.known_floor, Path):
             return read_floor(self.known_floor)
-        rows, columns = plan.occupied.shape
-        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
-        return floor_of_cells(geometry, np.where(plan.occupied, OCCUPIED, FREE)) if self.known_floor else None
+        return floor_of_cells(plan.geometry, np.where(plan.occupied, OCCUPIED, FREE)) if self.known_floor else None
 
     def world(self) -> World:
         """The floor with robots and motes in their places (ScenarioError if they do not fit)."""
@@ -269,10 +266,11 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
             self.links.check_names(robots, self.name, gateways)
         if reason := faults_refusal(self.faults, robots):
             raise ScenarioError(f"{self.name}: faults: {reason}")
+        radius_m = self.hardware.radius_m
         for fault in self.faults:
-            if fault.place_m is not None and clearance_m(plan, Point2D(*fault.place_m)) < self.hardware.radius_m:
+            if fault.place_m is not None and plan.wall_distance_m(*fault.place_m, radius_m) < radius_m:
                 raise ScenarioError(
-                    f"{self.name}: faults: expected room for a robot of radius {self.hardware.radius_m:g} m at place_m "
+                    f"{self.name}: faults: expected room for a robot of radius {radius_m:g} m at place_m "
                     f"{fault.place_m[0]:g}, {fault.place_m[1]:g}"
                 )
         added = [one for table in self.added.values() for one in (table if isinstance(table, tuple) else (table,))]

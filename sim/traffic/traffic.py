@@ -70,8 +70,8 @@ def box_cells(box: Box, plan: FloorPlan) -> Cells:
     half_width_m = max(box.width_m, math.sqrt(2) * plan.resolution_m) / 2
     reach_x_m = abs(cos) * half_length_m + abs(sin) * half_width_m
     reach_y_m = abs(sin) * half_length_m + abs(cos) * half_width_m
-    first_row, first_column = plan.cell_of(box.x_m - reach_x_m, box.y_m - reach_y_m)
-    last_row, last_column = plan.cell_of(box.x_m + reach_x_m, box.y_m + reach_y_m)
+    first_row, first_column = plan.geometry.cell_of(box.x_m - reach_x_m, box.y_m - reach_y_m)
+    last_row, last_column = plan.geometry.cell_of(box.x_m + reach_x_m, box.y_m + reach_y_m)
     height, width = plan.occupied.shape
     rows = np.arange(max(0, first_row), min(height, last_row + 1))
     columns = np.arange(max(0, first_column), min(width, last_column + 1))
@@ -146,7 +146,7 @@ class Walkways:
         """The nearest node that is reached in a straight line."""
         if not self.has_room(place):
             return None
-        row, column = self._plan.cell_of(place.x_m, place.y_m)
+        row, column = self._plan.geometry.cell_of(place.x_m, place.y_m)
         middle_row, middle_column = row // self._step, column // self._step
         around = [(middle_row + up, middle_column + right) for up in range(-2, 4) for right in range(-2, 4)]
         near = sorted((place.distance_m(self._place(node)), node) for node in around if node in self._free)
@@ -154,7 +154,7 @@ class Walkways:
 
     def _place(self, node: Node) -> Point2D:
         row, column = node
-        return self._plan.centre_of(row * self._step, column * self._step)
+        return self._plan.geometry.center_of(row * self._step, column * self._step)
 
     def _pulled(self, points: list[Point2D]) -> list[Point2D]:
         """The path without the corners that a straight line can skip."""
@@ -306,7 +306,7 @@ def plan_traffic(spec: TrafficSpec, plan: FloorPlan, starts: Sequence[Disc], see
     rounds = []
     for index, door in enumerate(spec.doors):
         for key, (x_m, y_m) in (("from_m", door.from_m), ("to_m", door.to_m)):
-            if not plan.holds_cell(*plan.cell_of(x_m, y_m)):
+            if not plan.geometry.contains(*plan.geometry.cell_of(x_m, y_m)):
                 raise MapError(f"{plan.name}: expected doors[{index}].{key} on the floor, got {x_m:g}, {y_m:g}")
     for index, mover in enumerate(spec.movers):
         rounds.append(_rounds(mover, f"movers[{index}]", plan, starts))
@@ -362,7 +362,7 @@ def _places(
         if not len(rows):
             raise MapError(f"{plan.name}: expected room for {key} where robots can go, got none")
         drawn = rng.integers(len(rows), size=DRAWN_PLACES)
-        places = [plan.centre_of(int(rows[one]), int(columns[one])) for one in drawn]
+        places = [plan.geometry.center_of(int(rows[one]), int(columns[one])) for one in drawn]
     for place in places:
         if not walkways.has_room(place):
             raise MapError(

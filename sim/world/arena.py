@@ -16,15 +16,13 @@ from robrain.client.door_keeper import DoorKeeper
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.team import arena_messages
 from robrain.protocol.messages.team.arena_messages import ArenaClock, ArenaTruth, MoteTruth, RobotTruth
-from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
+from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.tinyos.packet import ActiveMessage
 from robrain.protocol.tinyos.payloads import Quantity
 from robrain.protocol.wire.endpoint import Endpoint, Request
 from robrain.sim.faults.fault_spec import FaultKind, FaultSpec, FaultTimes
 from robrain.sim.firmware.battery import STATUS_PERIOD_S
 from robrain.sim.firmware.disturbance import Disturbance
-from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import FloorSurfaces
 from robrain.sim.motes.field import SimulatedField
 from robrain.sim.motes.gateway import MoteGateway, gateway_motes
@@ -119,8 +117,7 @@ class Arena:
         self.tick_s = tick_s
         self._ticks = 0
         walls, true_walls = plan.occupied.copy(), plan.occupied.copy()
-        rows, columns = walls.shape
-        geometry = GridGeometry(plan.resolution_m, plan.origin_x_m, plan.origin_y_m, columns, rows)
+        geometry = plan.geometry
         self._team: RobotTeam | PointTeam
         if world.fidelity is Fidelity.POINTS:
             self._team = PointTeam(robots, PointFloor(true_walls, geometry), tick_s)
@@ -304,15 +301,3 @@ class Arena:
             supplies_w = self.chargers.supplies_w(self._bodies)
             for robot, supply_w in zip(self._robots, supplies_w, strict=True):
                 robot.supply(supply_w)
-
-
-def clearance_m(plan: FloorPlan, pose: Pose2D | Point2D) -> float:
-    """Distance from a place to the nearest wall or edge of the plan; 0 inside one and beyond the other."""
-    width_m, height_m = plan.size_m
-    x_m, y_m = pose.x_m - plan.origin_x_m, pose.y_m - plan.origin_y_m
-    to_edge_m = max(0.0, min(x_m, width_m - x_m, y_m, height_m - y_m))
-    rows, columns = plan.occupied_cells
-    half_m = plan.resolution_m / 2
-    beyond_x_m = np.maximum(np.abs((columns + 0.5) * plan.resolution_m - x_m) - half_m, 0.0)
-    beyond_y_m = np.maximum(np.abs((rows + 0.5) * plan.resolution_m - y_m) - half_m, 0.0)
-    return min(to_edge_m, float(np.hypot(beyond_x_m, beyond_y_m).min(initial=np.inf)))

@@ -336,7 +336,7 @@ def _not_seen(referee: Referee) -> list[FloorLeft]:
 def _sealed(plan: FloorPlan, starts: list[Point2D], needed_m: float) -> list[FloorLeft]:
     """Regions that have room for a robot but can only be reached through gaps too narrow for it."""
     labels, _ = ndimage.label(~plan.occupied & (plan.clearance_m >= needed_m))
-    cells = [cell for start in starts if plan.holds_cell(*(cell := plan.cell_of(start.x_m, start.y_m)))]
+    cells = [cell for start in starts if plan.geometry.contains(*(cell := plan.geometry.cell_of(start.x_m, start.y_m)))]
     held = {int(labels[cell]) for cell in cells} - {0}
     left = {int(label) for label in np.unique(labels)} - held - {0}
     found: list[FloorLeft] = []
@@ -353,7 +353,7 @@ def _sealed(plan: FloorPlan, starts: list[Point2D], needed_m: float) -> list[Flo
                 swept = ndimage.distance_transform_edt(~region) * plan.resolution_m <= needed_m
                 found.append(
                     FloorLeft(
-                        place=plan.centre_of(*_middle(region)),
+                        place=plan.geometry.center_of(*_middle(region)),
                         area_m2=round(float((swept & ~plan.occupied).sum()) * plan.resolution_m**2, 2),
                         why=GapTooNarrow(
                             gap_m=round(2.0 * clearance_m + 0.5 * plan.resolution_m, 2),

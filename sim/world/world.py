@@ -183,7 +183,7 @@ class World:
                 shares = np.linspace(0.0, 1.0, 36)
                 line = [(x_m + share * (place.x_m - x_m), y_m + share * (place.y_m - y_m)) for share in shares]
                 if all(self.plan.contains_free(*at) for at in line):
-                    room_m = [float(self.plan.clearance_m[self.plan.cell_of(*at)]) for at in line]
+                    room_m = [float(self.plan.clearance_m[self.plan.geometry.cell_of(*at)]) for at in line]
                     if min(room_m) > robot.radius_m + 0.1 and room_m[-1] > found[0]:
                         found = room_m[-1], place
         return found[1]

@@ -21,7 +21,6 @@ from robrain.plugins.behavior.monitor import changed_share, colors_of
 from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE, TeamState
 from robrain.protocol.model.geometry import Point2D, Pose2D
-from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.protocol.model.tasks.task import Task, TaskState
 from robrain.protocol.wire.endpoint import Drive, Endpoint
 from robrain.protocol.wire.session import open_lockstep_session
@@ -137,9 +136,7 @@ class _Standing:
 
 def _camera(noise_levels: float = 1.0) -> Camera:
     plan = room()
-    rows, columns = plan.occupied.shape
-    geometry = GridGeometry(plan.resolution_m, 0.0, 0.0, columns, rows)
-    return Camera(CameraSpec(noise_levels=noise_levels), plan.occupied, geometry, seed=1)
+    return Camera(CameraSpec(noise_levels=noise_levels), plan.occupied, plan.geometry, seed=1)
 
 
 def _picture() -> list[Figure]:

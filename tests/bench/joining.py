@@ -214,8 +214,8 @@ def _place(world: World, run: LockstepRun, name: str) -> Pose2D:
     rng.shuffle(cells)
     for row, column in cells.tolist():
         place = grid.geometry.center_of(row, column)
-        at = plan.cell_of(place.x_m, place.y_m)
-        is_free = plan.holds_cell(*at) and plan.clearance_m[at] > 2.0 * world.robots[0].radius_m
+        at = plan.geometry.cell_of(place.x_m, place.y_m)
+        is_free = plan.geometry.contains(*at) and plan.clearance_m[at] > 2.0 * world.robots[0].radius_m
         is_clear = all(pose.distance_m(place) > 1.0 for pose in bodies.values())
         if is_free and is_clear and bodies[name].distance_m(place) > CARRIED_M:
             return Pose2D(place.x_m, place.y_m, float(rng.uniform(-math.pi, math.pi)))

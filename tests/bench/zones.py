@@ -51,7 +51,7 @@ def _zone(rng: np.random.Generator, name: str, centre: Point2D, kind: ZoneKind) 
 def _place(rng: np.random.Generator, plan: FloorPlan) -> Point2D:
     cells = np.argwhere(plan.clearance_m > 0.4)
     row, column = cells[int(rng.integers(len(cells)))].tolist()
-    return plan.centre_of(row, column)
+    return plan.geometry.center_of(row, column)
 
 
 KINDS = (ZoneKind.KEEP_OUT, ZoneKind.SPEED_LIMIT, ZoneKind.PENALTY, ZoneKind.PLACE, ZoneKind.KEEP_OUT)

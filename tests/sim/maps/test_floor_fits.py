@@ -66,7 +66,7 @@ class Gap:
         return bool(labels[here] == labels[there])
 
     def _cells(self, origin_x_m: float, origin_y_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        rows, columns = self.plan.occupied_cells
+        rows, columns = np.nonzero(self.plan.occupied)
         return (
             np.floor(((rows + 0.5) * PLAN_M - origin_y_m) / TEAM_M + 1e-9).astype(np.int64),
             np.floor(((columns + 0.5) * PLAN_M - origin_x_m) / TEAM_M + 1e-9).astype(np.int64),

@@ -43,7 +43,7 @@ def test_reachable_cells_are_free_and_shrink_as_the_body_grows(
     swept = plan.reachable([Point2D(*start)], radius_m)
     assert not (swept & plan.occupied).any()
     if swept.any():
-        row, col = plan.cell_of(*start)
+        row, col = plan.geometry.cell_of(*start)
         assert swept[row, col]
         assert plan.clearance_m[row, col] >= radius_m
 
@@ -84,9 +84,9 @@ def test_start_where_the_body_does_not_fit_adds_nothing() -> None:
 def test_points_map_to_cells_from_the_origin() -> None:
     plan = FloorPlan(np.array([[False, True], [False, False], [True, False]]), 0.5, -1.0, 2.0, "tiny")
     assert plan.size_m == (1.0, 1.5)
-    assert plan.cell_of(-1.0, 2.0) == (0, 0)
-    assert plan.cell_of(-0.4, 3.4) == (2, 1)
-    assert plan.centre_of(2, 1) == Point2D(-0.25, 3.25)
+    assert plan.geometry.cell_of(-1.0, 2.0) == (0, 0)
+    assert plan.geometry.cell_of(-0.4, 3.4) == (2, 1)
+    assert plan.geometry.center_of(2, 1) == Point2D(-0.25, 3.25)
     assert plan.contains_free(-0.9, 2.1)
     assert not plan.contains_free(-0.4, 2.1)
 

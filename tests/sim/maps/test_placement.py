@@ -33,7 +33,7 @@ def _two_rooms() -> FloorPlan:
 
 def _check_group(plan: FloorPlan, poses: list[Pose2D], radius_m: float, spacing_m: float) -> None:
     for pose in poses:
-        assert plan.clearance_m[plan.cell_of(pose.x_m, pose.y_m)] >= radius_m + 0.05
+        assert plan.clearance_m[plan.geometry.cell_of(pose.x_m, pose.y_m)] >= radius_m + 0.05
         assert -math.pi < pose.yaw_rad <= math.pi
     for one, other in itertools.combinations(poses, 2):
         assert one.distance_m(other) >= spacing_m - 1e-6
@@ -86,7 +86,7 @@ def test_scattered_points_are_distinct_free_cells_of_the_region(
         with pytest.raises(PlacementError, match=f"{room} fit"):
             scatter()
         return
-    cells = [plan.cell_of(point.x_m, point.y_m) for point in scatter()]
+    cells = [plan.geometry.cell_of(point.x_m, point.y_m) for point in scatter()]
     assert len(set(cells)) == count
     assert all(region[cell] and plan.clearance_m[cell] >= 0.3 for cell in cells)
 

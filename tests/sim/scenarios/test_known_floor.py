@@ -111,7 +111,8 @@ def test_recording_of_an_earlier_run_is_a_known_floor(tmp_path: Path) -> None:
     assert np.array_equal(floor.classes, first.classes())
     assert len(floor.walls) > 100
     clearance_m = ROOM.plan().clearance_m
-    cells = [ROOM.plan().cell_of(x_m, y_m) for x_m, y_m, _, _ in floor.walls if 0.1 < x_m < 11.9 and 0.1 < y_m < 3.9]
+    geometry = ROOM.plan().geometry
+    cells = [geometry.cell_of(x_m, y_m) for x_m, y_m, _, _ in floor.walls if 0.1 < x_m < 11.9 and 0.1 < y_m < 3.9]
     assert np.mean([clearance_m[cell] < 0.06 for cell in cells]) > 0.95
     with ROOM.replace(known_floor=recording).team() as team:
         team.run_for(1.0)

@@ -38,7 +38,7 @@ def test_its_team_can_reach_nearly_all_of_it_and_begins_to_explore_it_without_a_
     assert np.count_nonzero(reachable) / np.count_nonzero(~world.plan.occupied) >= 0.97
     place = world.first_place()
     assert place is not None
-    assert reachable[world.plan.cell_of(place.x_m, place.y_m)]
+    assert reachable[world.plan.geometry.cell_of(place.x_m, place.y_m)]
     if name == "depot":
         assert f"place=({place.x_m:g}, {place.y_m:g})" in README.read_text(encoding="utf-8")
     run = scenario.open(world)

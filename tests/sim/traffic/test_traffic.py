@@ -104,7 +104,7 @@ def test_people_walk_through_doorways_clear_of_walls_and_draw_their_way_from_the
     assert ways[0][:300] != ways[1]
     plan = Scenario.from_toml(ROOMS).plan()
     places = [place for step in ways[0] for place in step.values()]
-    rows, columns = zip(*(plan.cell_of(*place) for place in places), strict=True)
+    rows, columns = zip(*(plan.geometry.cell_of(*place) for place in places), strict=True)
     assert plan.clearance_m[list(rows), list(columns)].min() >= 0.2
     assert any(x_m < 3.5 for x_m, _ in places)
     assert any(x_m > 4.5 for x_m, _ in places)
