@@ -43,8 +43,8 @@ from robrain.sim.motes.radio import (
     MoteState,
     RadioCounters,
     RadioModel,
-    ShadowField,
     send_ma,
+    shadow_of_pairs,
 )
 
 SEEN_DOWN = 16
@@ -520,9 +520,7 @@ def _strengths_dbm(
     """
     xs_m = np.array([mote.mote.place.x_m for mote in motes])
     ys_m = np.array([mote.mote.place.y_m for mote in motes])
-    field_db = radio.static_db / np.sqrt(2.0)
-    shadow = ShadowField(field_db, radio.correlation_m, np.random.default_rng(seed)) if field_db > 0 else None
-    shadows_db = shadow.at(xs_m, ys_m) if shadow is not None else np.zeros(len(motes))
+    shadows_db = shadow_of_pairs(radio, seed).at(xs_m, ys_m)
     found: list[dict[int, float]] = []
     for index in range(len(motes)):
         distances_m = np.hypot(xs_m - xs_m[index], ys_m - ys_m[index])

@@ -21,7 +21,6 @@ from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mesh import MoteMesh, energy_of
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, SimulatedMote
 from robrain.sim.motes.radio import (
-    FAR_DEVIATIONS,
     FadingLinks,
     Floats,
     RadioCounters,
@@ -214,27 +213,19 @@ class _Air:
     ) -> None:
         self._place = mote.mote.place
         self._radio = radio
-        self._shadow = ShadowField(radio.static_db, radio.correlation_m, rng) if radio.static_db > 0 else None
+        self._shadow = ShadowField(radio.static_db, radio.correlation_m, rng)
         seed = rng.bit_generator.seed_seq
         assert isinstance(seed, np.random.SeedSequence)
         self._links = FadingLinks(radio, seed, counters)
-        self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
 
     def receivers_of(self, xs_m: Floats, ys_m: Floats) -> list[tuple[int, float]]:
         """Robots that one packet reaches, with its strength in dBm at each."""
-        expected_dbm = self._expected_dbm(xs_m, ys_m)
-        received = []
-        for robot, strength_dbm in enumerate(expected_dbm.tolist()):
-            if strength_dbm >= self._weakest_dbm:
-                rssi_dbm = self._links.receive_dbm((robot,), strength_dbm)
-                if rssi_dbm is not None:
-                    received.append((robot, rssi_dbm))
-        return received
+        return self._links.receivers_of(self._expected_dbm(xs_m, ys_m))
 
     def receives(self, robot: int, xs_m: Floats, ys_m: Floats) -> bool:
         """Whether one packet of a robot reaches the mote."""
         strength_dbm = float(self._expected_dbm(xs_m[robot : robot + 1], ys_m[robot : robot + 1])[0])
-        return strength_dbm >= self._weakest_dbm and self._links.receive_dbm((robot,), strength_dbm) is not None
+        return strength_dbm >= self._links.weakest_dbm and self._links.receive_dbm((robot,), strength_dbm) is not None
 
     def best_dbm(self, xs_m: Floats, ys_m: Floats) -> float:
         """Mean strength at which the nearest base station, by the links between, receives the mote."""
@@ -242,5 +233,4 @@ class _Air:
 
     def _expected_dbm(self, xs_m: Floats, ys_m: Floats) -> Floats:
         distances_m = np.hypot(xs_m - self._place.x_m, ys_m - self._place.y_m)
-        mean_dbm = self._radio.mean_rssi_dbm_of(distances_m)
-        return mean_dbm if self._shadow is None else mean_dbm + self._shadow.at(xs_m, ys_m)
+        return self._radio.mean_rssi_dbm_of(distances_m) + self._shadow.at(xs_m, ys_m)

@@ -173,25 +173,14 @@ class RadioModel(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True,
         """Standard deviation of the part that belongs to the packet."""
         return self.shadowing_db * math.sqrt(1.0 - self.static_share)
 
-    def mean_rssi_dbm(self, distance_m: float) -> float:
-        """Received power without shadowing; nearer than 10 cm counts as 10 cm."""
-        loss_db = self.loss_at_1_m_db + 10.0 * self.exponent * math.log10(max(distance_m, 0.1))
-        return self.transmit_dbm - loss_db
-
     def mean_rssi_dbm_of(self, distances_m: Floats) -> Floats:
-        """`mean_rssi_dbm` of many distances."""
+        """Mean strengths at distances in metres, without shadowing; nearer than 10 cm counts as 10 cm.
+
+        >>> RadioModel().mean_rssi_dbm_of(np.array([10.0]))
+        array([-90.])
+        """
         loss_db: Floats = 10.0 * self.exponent * log10(np.maximum(distances_m, 0.1))
         return self.transmit_dbm - self.loss_at_1_m_db - loss_db
-
-    @property
-    def reach_m(self) -> float:
-        """Distance at which the mean is at the sensitivity.
-
-        >>> RadioModel().reach_m
-        10.0
-        """
-        budget_db = self.transmit_dbm - self.loss_at_1_m_db - self.sensitivity_dbm
-        return float(10.0 ** (budget_db / (10.0 * self.exponent)))
 
     def arrival_probability(self, rssi_dbm: float) -> float:
         """Probability that a packet of this strength arrives whole (Zuniga and Krishnamachari, section III).
@@ -238,6 +227,11 @@ class ShadowField:
         return values
 
 
+def shadow_of_pairs(radio: RadioModel, seed: np.random.SeedSequence) -> ShadowField:
+    """Field whose values at both ends of a link add up to its shadowing."""
+    return ShadowField(radio.static_db / math.sqrt(2.0), radio.correlation_m, np.random.default_rng(seed))
+
+
 class RadioCounters(msgspec.Struct):
     """Counters of packets, counted at each receiver in reach."""
 
@@ -265,6 +259,20 @@ class FadingLinks:
         self._seed = seed
         self._counters = counters
         self._rngs: dict[tuple[int, ...], np.random.Generator] = {}
+        self.weakest_dbm = model.sensitivity_dbm - FAR_DEVIATIONS * max(model.per_packet_db, 1.0)
+        """Packets with a lower mean are not received."""
+
+    def receivers_of(self, expected_dbm: Floats, *sender: int) -> list[tuple[int, float]]:
+        """Receivers of one packet that is sent now, with its strength in dBm at each.
+
+        Args:
+            expected_dbm: (N,) by receiver, as for `receive_dbm`; those beyond all reach are left out.
+            sender: its number in the pairs, if it has one.
+
+        """
+        near = np.flatnonzero(expected_dbm >= self.weakest_dbm).tolist()
+        strengths_dbm = {one: self.receive_dbm((*sender, one), float(expected_dbm[one])) for one in near}
+        return [(one, rssi_dbm) for one, rssi_dbm in strengths_dbm.items() if rssi_dbm is not None]
 
     def receive_dbm(self, pair: tuple[int, ...], expected_dbm: float) -> float | None:
         """Strength of one packet sent now between a pair, or None if it does not arrive whole.
@@ -305,11 +313,8 @@ class RobotAir:
     def __init__(self, radio: RadioModel, seed: np.random.SeedSequence) -> None:
         self.counters = RadioCounters()
         self._radio = radio
-        field_db = radio.static_db / math.sqrt(2.0)
-        rng = np.random.default_rng(seed)
-        self._shadow = ShadowField(field_db, radio.correlation_m, rng) if field_db > 0 else None
+        self._shadow = shadow_of_pairs(radio, seed)
         self._links = FadingLinks(radio, seed, self.counters)
-        self._weakest_dbm = radio.sensitivity_dbm - FAR_DEVIATIONS * max(radio.per_packet_db, 1.0)
         self._shadows_tick = -1
         self._shadows_db = np.zeros(0)
 
@@ -327,16 +332,11 @@ class RobotAir:
         distances_m = np.hypot(xs_m - xs_m[sender], ys_m - ys_m[sender])
         shadows_db = self._shadows_at(xs_m, ys_m, tick)
         expected_dbm = self._radio.mean_rssi_dbm_of(distances_m) + shadows_db + shadows_db[sender]
-        received = []
-        for robot in np.flatnonzero(expected_dbm >= self._weakest_dbm).tolist():
-            if robot != sender:
-                rssi_dbm = self._links.receive_dbm((sender, robot), float(expected_dbm[robot]))
-                if rssi_dbm is not None:
-                    received.append((robot, rssi_dbm))
-        return received
+        expected_dbm[sender] = -np.inf
+        return self._links.receivers_of(expected_dbm, sender)
 
     def _shadows_at(self, xs_m: Floats, ys_m: Floats, tick: int) -> Floats:
         if self._shadows_tick != tick:
             self._shadows_tick = tick
-            self._shadows_db = self._shadow.at(xs_m, ys_m) if self._shadow is not None else np.zeros(len(xs_m))
+            self._shadows_db = self._shadow.at(xs_m, ys_m)
         return self._shadows_db

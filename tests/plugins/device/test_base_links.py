@@ -61,8 +61,8 @@ def test_the_team_is_told_who_hears_whom_and_once_that_nobody_does(team):
     one.run(12.0)
     links, count = one.told()
     assert [(link.peer, link.is_robot, round(link.rssi_dbm)) for link in links] == [
-        ("r2", True, round(RADIO.mean_rssi_dbm(4.0))),
-        ("m1", False, round(RADIO.mean_rssi_dbm(2.0))),
+        ("r2", True, round(RADIO.mean_rssi_dbm_of(np.array([4.0]))[0])),
+        ("m1", False, round(RADIO.mean_rssi_dbm_of(np.array([2.0]))[0])),
     ]
     assert 5 <= count <= 6  # each 2 s, from when anybody was heard
     one.places = [FAR, Point2D(4.0, 0.0)]

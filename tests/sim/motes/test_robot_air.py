@@ -28,8 +28,8 @@ def strengths_dbm(one, sender, spots, packets=400):
 def test_a_robot_hears_others_by_their_distance_and_never_itself():
     heard = strengths_dbm(air(), 0, places(0.0, 2.0, 5.0, 60.0), packets=5)
     assert heard == {
-        1: (5, pytest.approx(PLAIN.mean_rssi_dbm(2.0))),
-        2: (5, pytest.approx(PLAIN.mean_rssi_dbm(5.0))),
+        1: (5, pytest.approx(PLAIN.mean_rssi_dbm_of(np.array([2.0]))[0])),
+        2: (5, pytest.approx(PLAIN.mean_rssi_dbm_of(np.array([5.0]))[0])),
     }
 
 
@@ -38,12 +38,12 @@ def test_both_directions_have_the_same_shadow():
     spots = places(0.0, 3.0)
     there, back = strengths_dbm(one, 0, spots, 3)[1], strengths_dbm(one, 1, spots, 3)[0]
     assert there == back
-    assert there[1] != pytest.approx(PLAIN.mean_rssi_dbm(3.0), abs=1e-6)
+    assert there[1] != pytest.approx(PLAIN.mean_rssi_dbm_of(np.array([3.0]))[0], abs=1e-6)
 
 
 def test_at_the_edge_of_reach_half_of_the_packets_arrive_and_the_rest_is_counted():
     one = air()
-    (heard,) = strengths_dbm(one, 0, places(0.0, PLAIN.reach_m), packets=1000).values()
+    (heard,) = strengths_dbm(one, 0, places(0.0, 10.0), packets=1000).values()
     assert heard[0] == pytest.approx(500, abs=60)
     counters = one.counters
     assert (counters.sent, counters.received) == (1000, heard[0])
