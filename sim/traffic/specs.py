@@ -98,6 +98,14 @@ class MoverSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
         if self.size_m is not None and not all(0 < side_m < math.inf for side_m in self.size_m):
             raise ValueError(f"expected sides above 0 in size_m, got {list(self.size_m)}")
 
+    @property
+    def reach_m(self) -> float:
+        """Radius of the disc about its middle that holds it."""
+        if self.size_m is None:
+            return self.radius_m
+        length_m, width_m = self.size_m
+        return math.sqrt(length_m * length_m + width_m * width_m) / 2
+
 
 class PeopleSpec(Checked, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`[[people]]`: people, as discs, who walk between places, each to one drawn at random, and stop for robots.

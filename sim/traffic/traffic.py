@@ -331,17 +331,9 @@ def _rounds(spec: MoverSpec, key: str, plan: FloorPlan, starts: Sequence[Disc]) 
                 f"{plan.name}: expected {key}.via_m clear of walls by {width_m:g} m, got {one.x_m:g}, {one.y_m:g} to "
                 f"{other.x_m:g}, {other.y_m:g}",
             )
-    if not _is_apart(via[0], _reach_m(spec), starts):
+    if not _is_apart(via[0], spec.reach_m, starts):
         raise MapError(f"{plan.name}: expected {key} to begin clear of the robots' starts")
     return via
-
-
-def _reach_m(spec: MoverSpec) -> float:
-    """Radius of the disc about its middle that holds it."""
-    if spec.size_m is None:
-        return spec.radius_m
-    length_m, width_m = spec.size_m
-    return math.sqrt(length_m * length_m + width_m * width_m) / 2
 
 
 def _is_apart(place: Point2D, radius_m: float, starts: Sequence[Disc]) -> bool:
@@ -418,32 +410,24 @@ class Traffic:
         ]
         self._door_shapes = [_door_shape(space, door.box) for door in self._doors]
         self._door_cells = [box_cells(door.box, plan) for door in self._doors]
-        self._movers = [
-            Walker(
-                f"mover{number}",
-                Rounds(via, mover.pause_s, mover.at_s, circles=mover.circles),
-                _reach_m(mover),
-                mover.speed_m_s,
-                mover.stop_m,
-            )
-            for number, (mover, via) in enumerate(zip(spec.movers, planned.rounds, strict=True), 1)
+        movers = zip(spec.movers, planned.rounds, strict=True)
+        self._walkers = [
+            Walker(f"mover{number}", Rounds(via, mover.pause_s, mover.at_s, circles=mover.circles), mover)
+            for number, (mover, via) in enumerate(movers, 1)
         ]
-        self._sizes = [mover.size_m for mover in spec.movers]
-        self._people = _people(planned, starts)
-        self._walkers = [*self._movers, *self._people]
-        sizes = [*self._sizes, *(None for _ in self._people)]
-        self._circles = [walker for walker, size_m in zip(self._walkers, sizes, strict=True) if size_m is None]
+        self._walkers += _people(planned, starts)
+        self._circles = [walker for walker in self._walkers if walker.size_m is None]
         self.bodies: list[pymunk.Body] = []
         """In the space, in the order of their rows in `velocities`."""
         self.shapes: list[pymunk.Shape] = []
         """Partners of collisions, in the same order."""
-        self._boxes: list[tuple[Walker, tuple[float, float], pymunk.Body]] = []
-        for walker, size_m in zip(self._walkers, sizes, strict=True):
-            body, shape = _walker_body(space, walker, size_m)
+        self._boxes: list[tuple[Walker, pymunk.Body]] = []
+        for walker in self._walkers:
+            body, shape = _walker_body(space, walker)
             self.bodies.append(body)
             self.shapes.append(shape)
-            if size_m is not None:
-                self._boxes.append((walker, size_m, body))
+            if walker.size_m is not None:
+                self._boxes.append((walker, body))
         self._walls = [(array, array.copy(), mark) for array, mark in walls]
         """Walls of the sensors, as they are without doors and boxes, and the mark of a wall."""
         self._marked: list[Cells] = []
@@ -481,7 +465,7 @@ class Traffic:
             velocities[row, 1] = (walker.y_m - y_m) / tick_s
         for row, walker in enumerate(self._circles):
             circles[row, 0], circles[row, 1] = walker.x_m, walker.y_m
-        for walker, _, body in self._boxes:
+        for walker, body in self._boxes:
             body.angle = math.atan2(walker.along[1], walker.along[0])
         changed = bool(self._doors) and self._move_doors(now_s, robots)
         if changed or (self._boxes and self._ticks % STAMP_TICKS == 0):
@@ -489,15 +473,10 @@ class Traffic:
 
     def truth(self) -> list[BodyTruth]:
         """Places of all bodies; an open door is skipped."""
-        found = []
-        for door in self._doors:
-            if not door.is_open:
-                found.append(_truth(door.name, BodyKind.DOOR, door.box))
-        for walker, size_m in zip(self._movers, self._sizes, strict=True):
-            found.append(_truth(walker.name, BodyKind.MOVER, _box(walker, size_m), is_round=size_m is None))
-        for walker in self._people:
-            found.append(_truth(walker.name, BodyKind.PERSON, _box(walker, None), is_round=True))
-        return found
+        closed = [_truth(door.name, BodyKind.DOOR, door.box) for door in self._doors if not door.is_open]
+        return closed + [
+            _truth(walker.name, walker.kind, _box(walker), is_round=walker.size_m is None) for walker in self._walkers
+        ]
 
     def _move_doors(self, now_s: float, robots: Sequence[Disc]) -> bool:
         walkers = [(walker.x_m, walker.y_m, walker.radius_m) for walker in self._walkers]
@@ -514,7 +493,7 @@ class Traffic:
     def _stamp(self) -> None:
         """Mark the closed doors and the boxes in the sensors' walls, and nothing else."""
         cells = [cells for door, cells in zip(self._doors, self._door_cells, strict=True) if not door.is_open]
-        cells += [box_cells(_box(walker, size_m), self._plan) for walker, size_m, _ in self._boxes]
+        cells += [box_cells(_box(walker), self._plan) for walker, _ in self._boxes]
         for array, plain, mark in self._walls:
             for marked in self._marked:
                 array[marked] = plain[marked]
@@ -533,12 +512,12 @@ def _people(planned: TrafficPlan, starts: Sequence[Disc]) -> list[Walker]:
         for number, own_rng in enumerate(rng.spawn(spec.count)):
             errands = Errands(places, paths, order[number % len(order)], spec.pause_s, own_rng)
             name = f"person{len(people) + 1}"
-            people.append(Walker(name, errands, spec.radius_m, spec.speed_m_s, spec.stop_m))
+            people.append(Walker(name, errands, spec))
     return people
 
 
-def _box(walker: Walker, size_m: tuple[float, float] | None) -> Box:
-    length_m, width_m = size_m if size_m is not None else (2 * walker.radius_m, 2 * walker.radius_m)
+def _box(walker: Walker) -> Box:
+    length_m, width_m = walker.size_m if walker.size_m is not None else (2 * walker.radius_m, 2 * walker.radius_m)
     return Box(walker.x_m, walker.y_m, walker.along, length_m, width_m)
 
 
@@ -561,14 +540,14 @@ def _door_shape(space: pymunk.Space, box: Box) -> pymunk.Poly:
     return shape
 
 
-def _walker_body(
-    space: pymunk.Space, walker: Walker, size_m: tuple[float, float] | None
-) -> tuple[pymunk.Body, pymunk.Shape]:
+def _walker_body(space: pymunk.Space, walker: Walker) -> tuple[pymunk.Body, pymunk.Shape]:
     body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
     body.position = walker.x_m, walker.y_m
     body.angle = math.atan2(walker.along[1], walker.along[0])
     shape: pymunk.Shape
-    shape = pymunk.Circle(body, walker.radius_m) if size_m is None else pymunk.Poly.create_box(body, size_m)
+    shape = (
+        pymunk.Circle(body, walker.radius_m) if walker.size_m is None else pymunk.Poly.create_box(body, walker.size_m)
+    )
     shape.collision_type, shape.friction = MOVER_COLLISION, FRICTION
     space.add(body, shape)
     return body, shape

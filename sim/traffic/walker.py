@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from robrain.protocol.messages.team.arena_messages import BodyKind
 from robrain.protocol.model.geometry import Point2D
+from robrain.sim.traffic.specs import MoverSpec, PeopleSpec
 
 BESIDE_M = 0.1
 """Room beside a moving body that must be free of robots as well."""
@@ -90,18 +92,19 @@ class Walker:
     Args:
         name: in the arena's truth.
         legs: its places.
-        radius_m: of the disc that it needs.
-        speed_m_s: while it moves.
-        stop_m: distance to a robot on its path at which it stands; 0 if it never does.
+        spec: its shape and speed.
 
     """
 
-    def __init__(self, name: str, legs: Rounds | Errands, radius_m: float, speed_m_s: float, stop_m: float) -> None:
+    def __init__(self, name: str, legs: Rounds | Errands, spec: MoverSpec | PeopleSpec) -> None:
         self.name = name
-        self.radius_m = radius_m
+        self.size_m: tuple[float, float] | None = None
+        """Length and width; None for a round body."""
+        self.kind, self.radius_m = BodyKind.PERSON, spec.radius_m
+        if isinstance(spec, MoverSpec):
+            self.kind, self.size_m, self.radius_m = BodyKind.MOVER, spec.size_m, spec.reach_m
         self._legs = legs
-        self._speed_m_s = speed_m_s
-        self._stop_m = stop_m
+        self._speed_m_s, self._stop_m = spec.speed_m_s, spec.stop_m
         begin = legs.begin()
         self.x_m, self.y_m = begin.x_m, begin.y_m
         """Its place, arena frame."""
