@@ -98,35 +98,31 @@ class SweepSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def values_by_seed(
-    plan: SweepPlan, records: Mapping[str, RunRecord], setting: int, column: str, *, free: bool = False
-) -> dict[int, float]:
-    """Values of one column by seed, of the runs of a setting that are done and have one.
+    plan: SweepPlan, records: Mapping[str, RunRecord], column: str, *, free: bool = False
+) -> list[dict[int, float]]:
+    """Values of one column by seed, for each setting, of the runs that are done and have one.
 
     Args:
         plan: of the sweep.
         records: by run.
-        setting: its index.
         column: of the table.
         free: leave out values that the stop criterion decides, which are not compared.
 
     """
-    found = {}
+    found: list[dict[int, float]] = [{} for _ in plan.settings]
     for run in plan.runs():
         record = records.get(run.name)
-        if run.setting == setting and record is not None and record.outcome is not None:
+        if record is not None and record.outcome is not None:
             value = getattr(record.outcome, column)
             is_decided = free and ENDED_BY.get(record.outcome.ended) == column
             if value is not None and not is_decided:
-                found[run.seed] = float(value)
+                found[run.setting][run.seed] = float(value)
     return found
 
 
 def summarise(plan: SweepPlan, records: Mapping[str, RunRecord]) -> SweepSummary:
     """Summarise the runs that are done."""
-    values = {
-        column: [values_by_seed(plan, records, index, column) for index in range(len(plan.settings))]
-        for column in MEASURES
-    }
+    values = {column: values_by_seed(plan, records, column) for column in MEASURES}
     settings = []
     for index, setting in enumerate(plan.settings):
         means = {
@@ -140,11 +136,7 @@ def summarise(plan: SweepPlan, records: Mapping[str, RunRecord]) -> SweepSummary
     comparisons = [
         each
         for column in MEASURES
-        for each in _compare(
-            column,
-            labels,
-            [values_by_seed(plan, records, index, column, free=True) for index in range(len(plan.settings))],
-        )
+        for each in _compare(column, labels, values_by_seed(plan, records, column, free=True))
     ]
     done = sum(setting.runs.get(RunState.DONE, 0) for setting in settings)
     reached = {column: sum(map(len, values[column])) for column in MILESTONES}

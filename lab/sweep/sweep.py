@@ -82,11 +82,7 @@ def drawn_columns(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Sw
     for column in MEASURES:
         if column in MILESTONES and column != summary.milestone:
             continue
-        values = tuple(
-            value
-            for index in range(len(plan.settings))
-            for value in values_by_seed(plan, records, index, column).values()
-        )
+        values = tuple(value for by_seed in values_by_seed(plan, records, column) for value in by_seed.values())
         if len(set(values)) > 1:
             found.setdefault(values, column)
     return list(found.values())
@@ -121,11 +117,8 @@ def _measures(plan: SweepPlan, records: Mapping[str, RunRecord], summary: SweepS
     done = [setting.runs.get(RunState.DONE, 0) for setting in summary.settings]
     for axes, column in zip(all_axes, columns, strict=True):
         scale = MEASURES[column].scale
-        groups = [
-            [scale * value for value in values_by_seed(plan, records, index, column).values()]
-            for index in range(len(plan.settings))
-        ]
-        draw_groups(axes, groups, done)
+        by_seeds = values_by_seed(plan, records, column)
+        draw_groups(axes, [[scale * value for value in by_seed.values()] for by_seed in by_seeds], done)
         axes.set_title(_heading(column))
     label_rows(all_axes[0], labels, what)
     figure.suptitle(_title(plan, "each run, mean and 95 % interval"), x=0.01, ha="left", fontsize=11)
@@ -136,7 +129,7 @@ def _differences(plan: SweepPlan, records: Mapping[str, RunRecord], summary: Swe
     labels, what = _labels(plan)
     shown: dict[str, list[list[float]]] = {}
     for column in drawn_columns(plan, records, summary):
-        values = [values_by_seed(plan, records, index, column, free=True) for index in range(len(plan.settings))]
+        values = values_by_seed(plan, records, column, free=True)
         pairs = [
             [MEASURES[column].scale * (other[seed] - values[0][seed]) for seed in other if seed in values[0]]
             for other in values[1:]
