@@ -91,13 +91,3 @@ def with_faults(scenario: Scenario, changes: Sequence[Change]) -> Scenario:
     return scenario.replace(
         faults=(*scenario.faults, *(change.fault for change in changes if isinstance(change, AddFault)))
     )
-
-
-def as_json(changes: Sequence[Change]) -> str:
-    """The changes, for the metadata of a recording."""
-    return msgspec.json.encode(changes).decode()
-
-
-def from_json(text: str) -> list[Change]:
-    """The changes in the metadata of a recording (msgspec.DecodeError if it does not hold any)."""
-    return msgspec.json.decode(text, type=list[Change])

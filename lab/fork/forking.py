@@ -1,8 +1,10 @@
 """Repeats a recorded run up to a moment, compares it with the recording so far, and continues with the changes."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from robrain.algorithms.warm_up import warm_up
 from robrain.client.team import Team
@@ -13,7 +15,6 @@ from robrain.lab.fork.changes import (
     Change,
     SetPolicy,
     Without,
-    as_json,
     change_text,
     check_changes,
     with_faults,
@@ -24,10 +25,8 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError
 from robrain.protocol.topic import Topic
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.recording.foxglove.visual_topics import is_visual
-from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recorded_message import RecordedMessage
-from robrain.recording.reader.two_runs import Difference, compare_messages
+from robrain.recording.reader.two_runs import Difference, compare_messages, wire_messages
 from robrain.recording.writer.recorder import RecordingSummary, RunDigest
 from robrain.recording.writer.recording_file import check_writable
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport
@@ -54,7 +53,7 @@ class Sameness:
         """The first difference; the recording's value is the first."""
         self.messages = 0
         """Messages that were equal."""
-        self._recorded = _of_the_wire(path)
+        self._recorded = wire_messages(path)
         self._next = next(self._recorded, None)
         self._digest = RunDigest()
 
@@ -82,10 +81,6 @@ class Sameness:
         recorded = self._next
         if self.difference is None and recorded is not None and recorded.log_time_ns <= now_ns:
             self.difference = compare_messages(self.messages, recorded, None)
-
-
-def _of_the_wire(path: Path) -> Iterator[RecordedMessage]:
-    return (message for message in read_messages(path) if not is_visual(message.topic_key))
 
 
 def fork_run(
@@ -123,7 +118,7 @@ def fork_run(
         "parent": recorded.path.stem,
         "parent_digest": recorded.info.digest,
         "at_s": f"{to_seconds(moment_ns):g}",
-        "changes": as_json(every),
+        "changes": msgspec.json.encode(every).decode(),
     }
     with StopOnInterrupt() as interrupt:
         run = scenario.open(

@@ -12,7 +12,7 @@ import msgspec
 import zenoh
 
 from robrain.coordinator.planning.policy import PlanningPolicy
-from robrain.lab.fork.changes import Change, SetPolicy, from_json
+from robrain.lab.fork.changes import Change, SetPolicy
 from robrain.lab.fork.fork_result import repeatable
 from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.links.zenoh_link import NO_LIMIT_S
@@ -208,7 +208,7 @@ def _changes(path: Path, setup: RunSetup) -> tuple[Change, ...]:
     if not setup.fork:
         return ()
     try:
-        return tuple(from_json(setup.fork["changes"]))
+        return msgspec.json.decode(setup.fork["changes"], type=tuple[Change, ...])
     except (KeyError, msgspec.DecodeError) as error:
         raise RecordingError(
             path, f"{path} cannot be run again: the changes of the fork are damaged: {error}"

@@ -17,6 +17,13 @@ from robrain.recording.reader.reading import RecordingInfo, read_front, read_mes
 from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 
 OnProgress = Callable[[float], None]
+
+
+def half(on_progress: OnProgress | None, first: float) -> OnProgress | None:
+    """For one half of the work, which begins at the share `first`."""
+    return None if on_progress is None else lambda share: on_progress(first + share / 2)
+
+
 SILENT_PERIODS = 5.0
 """A key has a gap if it is silent for this number of its mean periods, and for a second."""
 SILENT_S = 1.0

@@ -24,7 +24,7 @@ from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.drawn_map import ComposedMap
 from robrain.recording.drawing.robot_history import model_power_w
 from robrain.recording.provenance import SCENARIO_ATTACHMENT
-from robrain.recording.reader.contents import RecordingContents, read_contents
+from robrain.recording.reader.contents import RecordingContents, half, read_contents
 from robrain.recording.reader.reading import read_front, read_messages
 from robrain.recording.reader.recorded_message import received
 
@@ -234,16 +234,12 @@ def read_run(path: Path, on_progress: Callable[[float], None] | None = None) -> 
     Raises:
         RecordingError: it cannot be read.
     """
-
-    def half(first: float) -> Callable[[float], None] | None:
-        return None if on_progress is None else lambda share: on_progress(first + share / 2)
-
-    contents = read_contents(path, half(0.0))
+    contents = read_contents(path, half(on_progress, 0.0))
     _, attachments = read_front(path)
     scenario_toml = attachments.get(SCENARIO_ATTACHMENT, b"")
     gather = _Gather(RunData(path, contents, contents.info.duration_s, scenario_toml=scenario_toml))
     start_ns = contents.info.start_ns
-    for recorded in read_messages(path, half(0.5)):
+    for recorded in read_messages(path, half(on_progress, 0.5)):
         known = received(recorded)
         if known is not None:
             gather.handle(known.message, to_seconds(recorded.log_time_ns - start_ns))

@@ -14,6 +14,7 @@ from robrain.protocol.model.tasks.stock_kinds import EXPLORE
 from robrain.protocol.model.tasks.task import TaskState
 from robrain.recording.drawing.labels import natural_key
 from robrain.recording.foxglove.visual_topics import is_visual
+from robrain.recording.reader.contents import half
 from robrain.recording.reader.reading import read_messages
 from robrain.recording.reader.recorded_message import RecordedMessage, topic_named_by
 from robrain.recording.reader.run_data import OWN_KINDS, RunData, TaskRun, read_run
@@ -131,11 +132,8 @@ def compare_runs(one: Path | str, two: Path | str, on_progress: Callable[[float]
         RecordingError: one of them cannot be read.
 
     """
-
-    def half(first: float) -> Callable[[float], None] | None:
-        return None if on_progress is None else lambda share: on_progress(first + share / 2)
-
-    return TwoRuns(first=outcome_of(read_run(Path(one), half(0.0))), second=outcome_of(read_run(Path(two), half(0.5))))
+    first, second = read_run(Path(one), half(on_progress, 0.0)), read_run(Path(two), half(on_progress, 0.5))
+    return TwoRuns(first=outcome_of(first), second=outcome_of(second))
 
 
 def outcome_of(run: RunData) -> ComparedRun:
@@ -274,7 +272,7 @@ def first_difference(
     start_one: int | None = None
     start_two: int | None = None
     number = 0
-    for first, second in zip_longest(_of_the_wire(one, on_progress), _of_the_wire(two)):
+    for first, second in zip_longest(wire_messages(one, on_progress), wire_messages(two)):
         if start_one is None and first is not None:
             start_one = first.log_time_ns
         if start_two is None and second is not None:
@@ -286,7 +284,8 @@ def first_difference(
     return None, number
 
 
-def _of_the_wire(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
+def wire_messages(path: Path, on_progress: Callable[[float], None] | None = None) -> Iterator[RecordedMessage]:
+    """The messages of a recording that were on the wire, in order (RecordingError as from `read_messages`)."""
     return (message for message in read_messages(path, on_progress) if not is_visual(message.topic_key))
 
 
