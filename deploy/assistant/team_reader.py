@@ -104,7 +104,7 @@ def _draw_floor(picture: Image.Image, floor: ComposedMap, frame: _Frame) -> None
     if drawn is None:
         return
     geometry = drawn.geometry
-    cells = Image.fromarray(floor.picture(UNKNOWN, FREE, OCCUPIED)[::-1])
+    cells = Image.fromarray(drawn.picture(UNKNOWN, FREE, OCCUPIED)[::-1])
     per_px = 1.0 / (frame.px_per_m * geometry.resolution_m)
     left = (frame.x0_m - geometry.origin_x_m) / geometry.resolution_m
     top = geometry.height - (frame.y1_m - geometry.origin_y_m) / geometry.resolution_m

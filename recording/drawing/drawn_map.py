@@ -124,13 +124,6 @@ class ComposedMap:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError):
             return
 
-    def picture(
-        self, unknown: tuple[int, int, int], free: tuple[int, int, int], occupied: tuple[int, int, int]
-    ) -> NDArray[np.uint8]:
-        """RGB image uint8 (height, width, 3), a pixel a cell, row 0 at the lowest y; (1, 1, 3) before any patch."""
-        floor = self.floor
-        return np.array([[unknown]], np.uint8) if floor is None else floor.picture(unknown, free, occupied)
-
     def known_bounds_m(self) -> tuple[float, float, float, float] | None:
         """x_min, y_min, x_max, y_max of the known area, metres, arena frame; None before the first patch."""
         if self.grid is None:
