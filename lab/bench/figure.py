@@ -146,9 +146,7 @@ def are_kept(figures: Iterable[Figure]) -> bool:
 
 def show_figures(title: str, figures: Iterable[Figure], console: Console) -> None:
     """Print a line for each figure, with its bound and its `beside` text."""
-    table = Table(title=title, title_justify="left")
-    for heading in HEADINGS:
-        table.add_column(heading)
+    table = Table(*HEADINGS, title=title, title_justify="left")
     for figure in figures:
         cells = (figure.name, figure.value_text(), figure.bound_text(), KEPT_WORDS[figure.kept], figure.beside)
         table.add_row(*cells)

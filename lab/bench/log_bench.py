@@ -509,16 +509,14 @@ def _show(report: LogReport) -> None:
         return
     used = report.relations - report.relations_unused
     title = f"errors over {used} of {report.relations} relations, mean ± standard deviation"
-    table = Table(title=title, title_justify="left")
-    for heading in ("trajectory", "all relations", f"those over more than {LOOP_S:g} s"):
-        table.add_column(heading)
+    headings = ("trajectory", "all relations", f"those over more than {LOOP_S:g} s")
+    table = Table(*headings, title=title, title_justify="left")
     for each in report.errors:
         table.add_row(each.trajectory, _words(each.all), "–" if each.loops is None else _words(each.loops))
     console = new_console(width=WIDTH)
     console.print(table)
-    beside = Table(title="published for whole logs, all relations", title_justify="left")
-    for heading in ("log", "method", "errors"):
-        beside.add_column(heading)
+    title = "published for whole logs, all relations"
+    beside = Table("log", "method", "errors", title=title, title_justify="left")
     for published in PUBLISHED:
         beside.add_row(published.log, published.method, published.errors)
     console.print(beside)
