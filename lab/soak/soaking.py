@@ -65,7 +65,14 @@ LOSS = (0.0, 0.1)
 DELAY_S = (0.0, 0.03)
 _RNG_OF_FULL = 17
 _RNG_OF_RADIO = 18
-_HARDWARE = [kind for kind in FaultKind if kind in HARDWARE and kind is not FaultKind.BATTERY_LIES]
+_HARDWARE = (
+    FaultKind.CAN_CUT,
+    FaultKind.CAN_SHORTED,
+    FaultKind.MOTORS_FAIL,
+    FaultKind.LIDAR_FREEZES,
+    FaultKind.MOTE_BASE_FLOODS,
+    FaultKind.CARRIED_OFF,
+)
 CONNECTED = "r1"
 """Never killed: an agent that is started again finds its place by the maps of the others."""
 
@@ -262,7 +269,7 @@ def _faults(base: FaultScript, names: list[str]) -> Iterator[FaultSpec]:
 def _hardware(rng: np.random.Generator, names: list[str]) -> Iterator[FaultSpec]:
     if rng.random() >= HARDWARE_SHARE:
         return
-    kind, robot = FaultKind(str(rng.choice(_HARDWARE))), str(rng.choice(names))
+    kind, robot = FaultKind(str(rng.choice(list(_HARDWARE)))), str(rng.choice(names))
     at_s = round(float(rng.uniform(1.0, 25.0)), 1)
     if kind is FaultKind.CARRIED_OFF:
         place = _place(rng)

@@ -24,7 +24,7 @@ class Invariant(StrEnum):
     words: str
     """The condition in words."""
     case: str
-    """What is judged; the first word is the noun."""
+    """The noun of a case, perhaps with another word."""
 
     def __new__(cls, value: str, words: str, case: str) -> Self:
         """Make the invariant, its name on the wire first."""

@@ -4,7 +4,6 @@
     player.prepare()
     for message in player.seek(90.0):        # state at 90 s
         ...
-    player.set_speed(4.0)
     player.play()
     while playing:
         for message in player.step(clock.now_ns()):     # due

@@ -76,7 +76,7 @@ class FloorPlan:
     def wall_distance_m(self, x_m: float, y_m: float, exact_up_to_m: float) -> float:
         """Distance in metres from a place, arena frame, to the nearest wall; 0 inside a wall and off the floor.
 
-        Beyond `exact_up_to_m` it is at least as long as the returned distance.
+        Distances over `exact_up_to_m` are lower bounds.
         """
         row, column = self.geometry.cell_of(x_m, y_m)
         if not self.geometry.contains(row, column):

@@ -270,9 +270,12 @@ class FadingLinks:
             sender: its number in the pairs, if it has one.
 
         """
-        near = np.flatnonzero(expected_dbm >= self.weakest_dbm).tolist()
-        strengths_dbm = {one: self.receive_dbm((*sender, one), float(expected_dbm[one])) for one in near}
-        return [(one, rssi_dbm) for one, rssi_dbm in strengths_dbm.items() if rssi_dbm is not None]
+        near = (expected_dbm >= self.weakest_dbm).nonzero()[0].tolist()
+        return [
+            (one, rssi_dbm)
+            for one in near
+            if (rssi_dbm := self.receive_dbm((*sender, one), float(expected_dbm[one]))) is not None
+        ]
 
     def receive_dbm(self, pair: tuple[int, ...], expected_dbm: float) -> float | None:
         """Strength of one packet sent now between a pair, or None if it does not arrive whole.
