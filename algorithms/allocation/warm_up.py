@@ -4,8 +4,10 @@ import msgspec
 import numpy as np
 
 from robrain.algorithms.allocation.auction import AuctionAllocator, GreedyAllocator
+from robrain.algorithms.allocation.insertion import empty_routes
 from robrain.algorithms.allocation.optimal import OptimalAllocator
-from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker
+from robrain.algorithms.allocation.problem import Job, Objective, Problem, Worker, make_arrays
+from robrain.algorithms.allocation.reinsertion import reinsert
 from robrain.algorithms.allocation.vrp_model import fill_matrix
 
 
@@ -17,7 +19,7 @@ def warm_up(*, with_charges: bool = False) -> None:
     """
     legs = np.array([[[0.0, 2.0], [2.0, 0.0]]])
     jobs = (
-        Job(id="a", place=1, prize_j=9.0, delay_w=1.0),
+        Job(id="a", place=1, prize_j=9.0),
         Job(id="b", place=1, prize_j=9.0, after=("a",)),
         Job(id="c", place=1, prize_j=9.0),
         Job(id="d", place=1, prize_j=0.0, latest_s=0.0),
@@ -28,7 +30,9 @@ def warm_up(*, with_charges: bool = False) -> None:
     for objective in Objective:
         AuctionAllocator(objective).plan(problem)
         GreedyAllocator(objective).plan(problem)
-    OptimalAllocator(Objective.ENERGY, lambda: 0.0).plan(problem, iterations=1)
+    arrays = make_arrays(problem)
+    routes, is_open = empty_routes(arrays.team, arrays.visits), np.ones(len(jobs), np.bool_)
+    reinsert(arrays.team, arrays.visits, arrays.visits.prize_j, routes, is_open, 1, np.random.default_rng(0))
     if with_charges:
         worker = Worker(name="r", start=0, ends=(0,), usable_j=5.0, chargers=(0,), full_j=5.0, charge_w=1.0)
         charging = msgspec.structs.replace(problem, workers=(worker,))

@@ -35,7 +35,8 @@ def test_robots_start_clear_of_walls_and_of_each_other():
     world = build_world(plan(), 5, 0, None, 1)
     assert [robot.name for robot in world.robots] == ["r1", "r2", "r3", "r4", "r5"]
     for robot in world.robots:
-        assert world.plan.clearance_m[world.plan.geometry.cell_of(robot.start.x_m, robot.start.y_m)] > RobotHardware().radius_m
+        cell = world.plan.geometry.cell_of(robot.start.x_m, robot.start.y_m)
+        assert world.plan.clearance_m[cell] > RobotHardware().radius_m
     for one, other in itertools.combinations(world.robots, 2):
         assert one.start.distance_m(other.start) >= ROBOT_SPACING_M - 1e-6
 
