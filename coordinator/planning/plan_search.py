@@ -124,7 +124,7 @@ def after_trip(problem: Problem, worker: Worker, route: Route) -> Worker | None:
 
 
 def early_start(draft: PlanDraft) -> PlanDraft:
-    """Among equally good plans, prefer the one that starts earlier: objectives ignore that, people do not."""
+    """Among equally good plans, prefer the one that starts earlier, which matters to people."""
     return draft.with_plan(without_idling(draft.problem, draft.plan))
 
 
