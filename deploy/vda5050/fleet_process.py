@@ -24,7 +24,7 @@ from robrain.deploy.command_line.output import print_result
 from robrain.deploy.errors import UsageError
 from robrain.deploy.processes.live_process import LiveStop, SendTimes, wire_when_there
 from robrain.deploy.vda5050 import messages as vda
-from robrain.deploy.vda5050.mqtt_link import Broker, MqttLink
+from robrain.deploy.vda5050.mqtt_link import PERIOD_S, Broker, MqttLink
 from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
@@ -41,7 +41,6 @@ from robrain.protocol.refusals import RefusalCode
 from robrain.protocol.topic import Query
 from robrain.protocol.wire.endpoint import Endpoint
 
-PERIOD_S = 0.02
 STATE_NS, STATE_LEAST_NS, VISUALIZATION_NS = to_ns(1.0), to_ns(0.05), to_ns(0.5)
 CHECK_NS = to_ns(2.0)
 """Period of the query for the state of an open task, in addition to the events."""
@@ -86,12 +85,6 @@ class NodeTask(msgspec.Struct):
     def has_ended(self) -> bool:
         """Whether its state stays."""
         return self.state is not None and self.state.ended
-
-
-class EdgesAsSent(vda.VdaStruct):
-    """The edges of an order with all fields."""
-
-    edges: list[dict[str, Any]]
 
 
 class RobotOrders:
@@ -196,7 +189,7 @@ class RobotOrders:
                 yield "UNSUPPORTED_PARAMETER", "order.nodes.nodePosition.theta: robots choose their heading"
             elif self._vehicle.map_id != node.node_position.map_id:
                 yield "UNKNOWN_MAP_ID", f"expected mapId {self._vehicle.map_id}"
-        for fields in msgspec.json.decode(payload, type=EdgesAsSent).edges:
+        for fields in msgspec.json.decode(payload)["edges"]:
             for name in UNUSED_OF_EDGES & fields.keys():
                 yield "UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed"
         waits = [action for node in nodes for action in node.actions if _wait_s(action) is not None]

@@ -17,17 +17,12 @@ from robrain.protocol.clock import to_seconds
 from robrain.protocol.errors import RobrainError
 from robrain.protocol.messages.robots.robot_messages import BatteryState
 from robrain.protocol.model.geometry import Point2D, Pose2D, wrap_angle_rad
-from robrain.protocol.model.ranges import Metres, Radians, Speed
+from robrain.protocol.model.ranges import Metres, Name, Quantity, Radians, Speed, Text
 
 NODES_MAX = 1000
 """Nodes of an order, and of one with its updates."""
-ID_MAX = 128
-"""Characters of an id."""
-Id = Annotated[str, Meta(max_length=ID_MAX)]
-Prose = Annotated[str, Meta(max_length=4096)]
 Number = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
-Amount = Annotated[float, Meta(ge=-1e9, le=1e9)]
 ErrorLevel = Literal["WARNING", "URGENT", "CRITICAL", "FATAL"]
 
 
@@ -148,15 +143,15 @@ ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
 class ActionParameter(VdaStruct):
     """Parameter of an action."""
 
-    key: Id
+    key: Name
     value: Any
 
 
 class OrderAction(VdaStruct):
     """An action of a node or an edge, or an instant action."""
 
-    action_type: Id
-    action_id: Id
+    action_type: Name
+    action_id: Name
     blocking_type: BlockingType
     action_parameters: Annotated[list[ActionParameter], Meta(max_length=64)] | UnsetType = UNSET
 
@@ -175,7 +170,7 @@ Deviation = Metres | Annotated[dict[str, Metres], Meta(max_length=8)]
 class NodePosition(Waypoint):
     """Place of a node; its heading in radians."""
 
-    map_id: Id
+    map_id: Name
     theta: Radians | UnsetType = UNSET
     allowed_deviation: Deviation | UnsetType = msgspec.field(default=UNSET, name="allowedDeviationXY")
 
@@ -197,22 +192,22 @@ class OrderPart(VdaStruct):
 class OrderNode(OrderPart):
     """A node of an order."""
 
-    node_id: Id
+    node_id: Name
     node_position: NodePosition | UnsetType = UNSET
 
 
 class OrderEdge(OrderPart):
     """An edge of an order."""
 
-    edge_id: Id
-    start_node_id: Id
-    end_node_id: Id
+    edge_id: Name
+    start_node_id: Name
+    end_node_id: Name
 
 
 class VehicleOrder(VdaStruct):
     """An order, or an update of one."""
 
-    order_id: Id
+    order_id: Name
     order_update_id: Number
     nodes: Annotated[list[OrderNode], Meta(min_length=1, max_length=NODES_MAX)]
     edges: Annotated[list[OrderEdge], Meta(max_length=NODES_MAX)]
@@ -237,16 +232,16 @@ ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN"
 class Reference(VdaStruct):
     """The cause of an error."""
 
-    reference_key: Id
-    reference_value: Prose
+    reference_key: Name
+    reference_value: Text
 
 
 class VehicleError(VdaStruct):
     """An error that a vehicle reports."""
 
-    error_type: Id
+    error_type: Name
     error_level: ErrorLevel
-    error_description: Prose | UnsetType = UNSET
+    error_description: Text | UnsetType = UNSET
     error_references: Annotated[list[Reference], Meta(max_length=64)] | UnsetType = UNSET
 
     def refers_to(self, key: str, value: str) -> bool:
@@ -262,15 +257,14 @@ class VehicleError(VdaStruct):
 class ActionState(VdaStruct):
     """State of an action."""
 
-    action_id: Id
+    action_id: Name
     action_status: ActionStatus
-    action_type: Id | UnsetType = UNSET
+    action_type: Name | UnsetType = UNSET
 
 
 class NodeState(VdaStruct):
     """A node that the vehicle has yet to reach."""
 
-    node_id: Id
     sequence_id: Number
 
 
@@ -278,7 +272,7 @@ class Position(Waypoint):
     """Position of a vehicle; its heading in radians."""
 
     theta: Radians
-    map_id: Id
+    map_id: Name
     position_initialized: bool | UnsetType = UNSET
     localized: bool | UnsetType = UNSET
 
@@ -297,8 +291,8 @@ class VehiclePower(VdaStruct):
     charging: bool
     battery_charge: Percent | UnsetType = UNSET
     state_of_charge: Percent | UnsetType = UNSET
-    battery_voltage: Amount | UnsetType = UNSET
-    battery_current: Amount | UnsetType = UNSET
+    battery_voltage: Quantity | UnsetType = UNSET
+    battery_current: Quantity | UnsetType = UNSET
 
 
 class Polyline(VdaStruct):
@@ -310,17 +304,15 @@ class Polyline(VdaStruct):
 class ZoneSetState(VdaStruct):
     """A zone set on a vehicle."""
 
-    zone_set_id: Id
-    zone_set_status: Id
+    zone_set_id: Name
+    zone_set_status: Name
 
 
 class State(VdaStruct):
     """State of a vehicle."""
 
-    order_id: Id
-    order_update_id: Number
-    last_node_id: Id
-    last_node_sequence_id: Number
+    order_id: Name
+    last_node_id: Name
     node_states: Annotated[list[NodeState], Meta(max_length=NODES_MAX)]
     edge_states: Annotated[list[dict[str, Any]], Meta(max_length=NODES_MAX)]
     driving: bool

@@ -22,6 +22,8 @@ INBOX_CAPACITY = 1024
 MESSAGE_MAX_BYTES = 1_048_576
 KEEPALIVE_S = 5
 RECONNECT_S = 1
+PERIOD_S = 0.02
+"""Of the loops that own a link."""
 
 
 class Broker(NamedTuple):
@@ -98,8 +100,7 @@ class MqttLink:
         name, body, delay.WillDelayInterval = will
         session.SessionExpiryInterval = will[2] + 1  # the broker forgets a session together with its will
         self._client.will_set(*self._message(name, body), properties=delay)
-        options: dict[str, Any] = {"keepalive": KEEPALIVE_S, "clean_start": False, "properties": session}
-        self._client.connect_async(broker.host, broker.port, **options)
+        self._client.connect_async(broker.host, broker.port, KEEPALIVE_S, clean_start=False, properties=session)
         self._client.loop_start()
 
     @property

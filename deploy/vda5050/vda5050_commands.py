@@ -81,8 +81,7 @@ def fleet(
     from robrain.deploy.vda5050.fleet_process import fleet_command
     from robrain.deploy.vda5050.mqtt_link import Broker
 
-    folder = Path(f"{team}.vda5050") if orders is None else orders
-    fleet_command(connect, team, Broker.read(broker, login, ca), shown, folder)
+    fleet_command(connect, team, Broker.read(broker, login, ca), shown, orders or Path(f"{team}.vda5050"))
 
 
 def read_address(text: str, version: Version, map_id: str, map_offset: str, map_yaw_rad: float) -> Vehicle:

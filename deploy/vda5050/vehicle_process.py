@@ -17,8 +17,7 @@ from robrain.deploy.command_line.output import print_message, print_result
 from robrain.deploy.processes.live_process import LiveStop, SendTimes, wire_when_there
 from robrain.deploy.processes.name_claim import NameWatcher, claim_robot
 from robrain.deploy.vda5050 import messages as vda
-from robrain.deploy.vda5050.messages import NODES_MAX, State, Vehicle, VehicleOrder
-from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, Broker, MqttLink
+from robrain.deploy.vda5050.mqtt_link import KEEPALIVE_S, PERIOD_S, Broker, MqttLink
 from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
@@ -26,13 +25,8 @@ from robrain.protocol.messages.robots import host_messages, robot_messages
 from robrain.protocol.messages.robots.host_messages import HaltAnswer
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, PluginFault, RobotState, TaskStatus
-from robrain.protocol.messages.tasks.offer_messages import (
-    ROBOT_OFFER,
-    ROBOT_WITHDRAW,
-    TaskAnswer,
-    TaskOffer,
-    TaskWithdrawal,
-)
+from robrain.protocol.messages.tasks import offer_messages
+from robrain.protocol.messages.tasks.offer_messages import TaskAnswer, TaskOffer, TaskWithdrawal
 from robrain.protocol.messages.team import team_messages, zone_messages
 from robrain.protocol.messages.team.team_messages import Halt, HaltStatus, TeamState
 from robrain.protocol.model.geometry import Point2D, Twist2D
@@ -46,7 +40,6 @@ from robrain.protocol.refusals import Refusals, most_refused
 from robrain.protocol.schema.struct_schema import parameters_schema
 from robrain.protocol.wire.endpoint import Deferred, Endpoint, Request, Serve
 
-PERIOD_S = 0.02
 STATE_NS = to_ns(0.1)
 HALT_NS = to_ns(2.0)
 """Time for a vehicle to confirm a halt."""
@@ -69,7 +62,7 @@ STOPS = ("CRITICAL", "FATAL")
 """Levels of errors with which a vehicle cannot continue its order."""
 
 
-UNKNOWN = State("", 0, "", 0, [], [], driving=False, operating_mode="STARTUP", action_states=[], errors=[])
+UNKNOWN = vda.State("", "", [], [], driving=False, operating_mode="STARTUP", action_states=[], errors=[])
 """The state of a vehicle that has not sent one."""
 Outgoing = tuple[str, Any]
 """A topic of the vehicle, and the message without its header."""
@@ -80,7 +73,7 @@ class _Work(msgspec.Struct):
 
     status: TaskStatus
     lease_ns: int
-    order: VehicleOrder | None = None
+    order: vda.VehicleOrder | None = None
     """None after a restart: the vehicle has it."""
     cancelled: str = ""
     """Why it is cancelled once the vehicle has no order for it; empty if it is not to be cancelled."""
@@ -99,7 +92,7 @@ class VehicleRobot:
 
     """
 
-    def __init__(self, name: str, vehicle: Vehicle, radius_m: float, continues_for_s: float) -> None:
+    def __init__(self, name: str, vehicle: vda.Vehicle, radius_m: float, continues_for_s: float) -> None:
         self.zones: Sequence[Zone] | None = None
         """Zones of the team; None until they are known."""
         self.latch = HaltLatch()
@@ -127,7 +120,7 @@ class VehicleRobot:
         match message:
             case vda.VehicleConnection():
                 self.is_online = message.connection_state == "ONLINE"
-            case State():
+            case vda.State():
                 is_first, self._vehicle, self.is_known = not self.is_known, message, True
                 if is_first and (held := _read_order_id(message.order_id)) is not None:
                     self._received_ns = now_ns
@@ -175,7 +168,7 @@ class VehicleRobot:
         is_earlier = not vehicle.is_idle or _stay_ns(vehicle) is not None
         return is_earlier or work.order is None or work.order.order_id == vehicle.order_id
 
-    def _check_progress(self, work: _Work, vehicle: State, now_ns: int) -> None:
+    def _check_progress(self, work: _Work, vehicle: vda.State, now_ns: int) -> None:
         faults, stay_ns = _faults(vehicle), _stay_ns(vehicle)
         if not vehicle.is_idle:
             if faults:
@@ -189,7 +182,7 @@ class VehicleRobot:
             elif work.cancelled:
                 self._finish(TaskState.CANCELLED, work.cancelled)
 
-    def _send_order(self, work: _Work, vehicle: State, now_ns: int) -> list[Outgoing]:
+    def _send_order(self, work: _Work, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
         order = work.order
         order_id = order.order_id if order is not None else ""
         refused = [one.words for one in vehicle.errors if one.refers_to("orderId", order_id)]
@@ -209,7 +202,7 @@ class VehicleRobot:
             return [("order", order)]
         return []
 
-    def _pause(self, vehicle: State, now_ns: int) -> list[Outgoing]:
+    def _pause(self, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
         is_ours = any(holder != VEHICLE for holder in self.latch.holders)
         if vehicle.paused and not is_ours:
             if now_ns - self._resumed_ns < RESUME_NS:
@@ -221,7 +214,7 @@ class VehicleRobot:
             return self._instant("startPause", now_ns) if is_ours else []
         return []
 
-    def _send_zones(self, vehicle: State, now_ns: int) -> list[Outgoing]:
+    def _send_zones(self, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
         if self.zones is None or vehicle.zone_sets is msgspec.UNSET:  # version 2 has none
             return []
         map_id = self.address.map_id or (vehicle.position.map_id if vehicle.position else "")
@@ -345,7 +338,7 @@ class VehicleRobot:
         newest = self._status.epoch if self._status is not None else 0
         return TaskAnswer(accepted=False, why=f"epoch {newest} is newer", epoch=newest) if epoch < newest else None
 
-    def _begin(self, task_id: str, epoch: int, lease_s: float, order: VehicleOrder | None = None) -> None:
+    def _begin(self, task_id: str, epoch: int, lease_s: float, order: vda.VehicleOrder | None = None) -> None:
         self._work = _Work(TaskStatus(id=task_id, epoch=epoch, state=TaskState.RUNNING), to_ns(lease_s), order)
 
     def _cancel(self, why: str) -> None:
@@ -357,7 +350,7 @@ class VehicleRobot:
         self._ended = msgspec.structs.replace(self._work.status, state=state, why=cut(why))
         self._work = None
 
-    def _order(self, task: Task, epoch: int) -> VehicleOrder:
+    def _order(self, task: Task, epoch: int) -> vda.VehicleOrder:
         order_id, places, start = f"robrain:{task.id}:{epoch}", _places(task), self._vehicle.position
         assert start is not None
         allowed: vda.Deviation = {"a": START_DEVIATION_M, "b": START_DEVIATION_M, "theta": 0.0}
@@ -369,7 +362,7 @@ class VehicleRobot:
         ids = [*(f"node-{number}" for number in range(len(places))), f"{order_id}:{to_ns(task.service_s)}"]
         nodes = [vda.OrderNode(2 * n, True, [], one, at) for n, (one, at) in enumerate(zip(ids, stops, strict=True))]
         edges = [vda.OrderEdge(2 * n + 1, True, [], f"edge-{n}", *ends) for n, ends in enumerate(pairwise(ids))]
-        return VehicleOrder(order_id, 0, nodes, edges)
+        return vda.VehicleOrder(order_id, 0, nodes, edges)
 
 
 def instant_action(kind: str, action_id: str, **parameters: str) -> vda.InstantActions:
@@ -387,8 +380,8 @@ def _places(task: Task) -> list[Point2D]:
     patrol = parameters_of(task, Patrol)
     if patrol.pause_s:
         raise ValueError("a vehicle makes no pauses in a patrol: expected pause_s 0")
-    if patrol.rounds * (len(patrol.stops) + 1) + 2 > NODES_MAX:
-        raise ValueError(f"expected a patrol of fewer than {NODES_MAX} nodes")
+    if patrol.rounds * (len(patrol.stops) + 1) + 2 > vda.NODES_MAX:
+        raise ValueError(f"expected a patrol of fewer than {vda.NODES_MAX} nodes")
     return [task.place, *patrol.stops] * patrol.rounds + [task.place]
 
 
@@ -398,13 +391,13 @@ def _read_order_id(order_id: str) -> tuple[str, int] | None:
     return (found[1], int(found[2])) if found else None
 
 
-def _stay_ns(vehicle: State) -> int | None:
+def _stay_ns(vehicle: vda.State) -> int | None:
     """Time to stay at the last node of the order, once the vehicle has reached it; None before."""
     order_id, _, stay_ns = vehicle.last_node_id.rpartition(":")
     return int(stay_ns) if order_id == vehicle.order_id and stay_ns.isdecimal() else None
 
 
-def _faults(vehicle: State) -> str:
+def _faults(vehicle: vda.State) -> str:
     """Errors with which the vehicle cannot continue its order, in words."""
     return "; ".join(error.words for error in vehicle.errors if error.error_level in STOPS)
 
@@ -415,7 +408,7 @@ ZONE_TYPES = {ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
 """Zone types of version 3 beside `BLOCKED`; zones of other kinds are not sent."""
 
 
-def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: Vehicle) -> dict[str, Any]:
+def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: vda.Vehicle) -> dict[str, Any]:
     """The zones that a robot has to obey as a zone set, whose id changes with its content."""
     found = []
     for zone in zones:
@@ -455,8 +448,8 @@ class VehicleMember:
         self._paths = wire.publisher(robot_messages.ROBOT_PATH, robot=name)
         now_ns, in_step = wire.clock.now_ns, Serve.IN_STEP
         wire.answer(ROBOT_PLUGINS, lambda _: _plugins(), robot=name)
-        wire.answer(ROBOT_OFFER, lambda request: robot.offer(request.asked, now_ns()), serve=in_step, robot=name)
-        wire.answer(ROBOT_WITHDRAW, lambda request: robot.withdraw(request.asked), serve=in_step, robot=name)
+        wire.answer(offer_messages.ROBOT_OFFER, lambda one: robot.offer(one.asked, now_ns()), serve=in_step, robot=name)
+        wire.answer(offer_messages.ROBOT_WITHDRAW, lambda one: robot.withdraw(one.asked), serve=in_step, robot=name)
         wire.answer(host_messages.HOST_HALT, self._halt, serve=in_step, robot=name)
         wire.answer(host_messages.HOST_RESUME, self._resume, serve=in_step, robot=name)
         for topic in (team_messages.HALT, team_messages.COORDINATOR_STATE, zone_messages.COORDINATOR_ZONES):

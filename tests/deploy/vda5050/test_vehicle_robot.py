@@ -269,7 +269,7 @@ def test_zones_are_sent_once_and_enabled() -> None:
     assert stage.tell(zoneSets=[{**there, "zoneSetStatus": "ENABLED"}]) == []
 
 
-@pytest.mark.parametrize("change", [{"orderId": 5}, {"lastNodeSequenceId": -1}, {"operatingMode": "ASLEEP"}])
+@pytest.mark.parametrize("change", [{"orderId": 5}, {"nodeStates": [{"sequenceId": -1}]}, {"operatingMode": "ASLEEP"}])
 def test_a_bad_state_is_refused_with_topic_and_key(change: dict[str, Any]) -> None:
     fields = {**Stage().fields, **change}
     with pytest.raises(BadVehicleMessage, match=rf"uagv/v2/acme/7/state: .*\$\.{next(iter(change))}"):
