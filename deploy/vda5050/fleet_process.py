@@ -189,7 +189,8 @@ class RobotOrders:
                 yield "UNSUPPORTED_PARAMETER", "order.nodes.nodePosition.theta: robots choose their heading"
             elif self._vehicle.map_id != node.node_position.map_id:
                 yield "UNKNOWN_MAP_ID", f"expected mapId {self._vehicle.map_id}"
-        for fields in msgspec.json.decode(payload)["edges"]:
+        sent = msgspec.json.decode(payload, type=dict[str, msgspec.Raw])["edges"]
+        for fields in msgspec.json.decode(sent, type=list[dict[str, msgspec.Raw]]):
             for name in UNUSED_OF_EDGES & fields.keys():
                 yield "UNSUPPORTED_PARAMETER", f"order.edges.{name}: robots choose their path and speed"
         waits = [action for node in nodes for action in node.actions if _wait_s(action) is not None]

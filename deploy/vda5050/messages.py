@@ -368,6 +368,6 @@ TOPICS: dict[str, type[VdaStruct]] = {
 def read(topic: str, payload: bytes) -> VdaStruct:
     """Decode and check a message (BadVehicleMessage)."""
     try:
-        return msgspec.json.decode(payload, type=TOPICS[topic.rpartition("/")[2]])
+        return msgspec.json.decode(payload.decode(), type=TOPICS[topic.rpartition("/")[2]])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadVehicleMessage(f"{topic}: {error}") from error

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from robrain.deploy.vda5050.fleet_process import KeptOrder, RobotOrders, factsheet
-from robrain.deploy.vda5050.messages import OrderAction, Vehicle, VehicleOrder, Version, read
+from robrain.deploy.vda5050.messages import BadVehicleMessage, OrderAction, Vehicle, VehicleOrder, Version, read
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.tasks.task import Task, TaskState
@@ -134,6 +134,18 @@ def test_an_order_is_rejected_with_the_error_type_of_the_standard(
         assert not desk.send(message)
         assert [kind for kind, _ in desk.errors] == ([] if expected is None else [expected])
         assert desk.orders.kept.order_update_id == 1
+
+
+@pytest.mark.parametrize("junk", [b"1e999", b'"\xff"'])
+def test_an_unknown_field_that_is_no_json_ends_no_process(junk: bytes) -> None:
+    for message in (order(*BASE, junk=0), {**order(*BASE), "junk": 0}):
+        payload = msgspec.json.encode(message).replace(b'"junk":0', b'"junk":' + junk)
+        try:
+            sent = read("order", payload)
+        except BadVehicleMessage:
+            continue
+        assert isinstance(sent, VehicleOrder)
+        assert Desk().orders.handle_order(sent, payload, ROBOT)
 
 
 def test_a_start_out_of_range_is_rejected() -> None:
