@@ -87,53 +87,64 @@ class NodeTask(msgspec.Struct):
         return self.state is not None and self.state.ended
 
 
-class RobotOrders:
-    """Handles orders and their cancellation by the rules of the standard.
+class RobotVehicle:
+    """A robot as a vehicle: handles orders and their cancellation by the rules of the standard.
 
     Args:
-        vehicle: the robot's address; its serial number is the robot's name.
-        kept: the order from before a restart.
+        link: of the vehicle; its serial number is the robot's name.
+        file: keeps the order.
+        state: of the robot.
+        wire: of the team.
+        tasks: asks the coordinator.
+        halts: asks robots.
 
     """
 
-    def __init__(self, vehicle: vda.Vehicle, kept: KeptOrder) -> None:
-        self.kept = kept
+    def __init__(
+        self, link: MqttLink, file: Path, state: RobotState, wire: Endpoint, tasks: Asker, halts: Asker
+    ) -> None:
+        self.state = state
+        self.path: PlannedPath | None = None
+        self.kept = read_order(file)
         self.instant: dict[str, vda.ActionState] = {}
         """Instant actions, the latest last."""
         self.tasks: dict[str, NodeTask] = {}
         """The tasks of the released nodes, in turn, by id."""
-        self._vehicle = vehicle
+        self._vehicle, self._file, self._mqtt, self._wire = link.vehicle, file, link, wire
+        self._coordinator, self._robots = tasks, halts
         self._rejections: list[vda.VehicleError] = []
+        self._is_asking = self._has_failed = False
+        """Whether the coordinator has yet to reply, and whether it did not reply to the last question."""
+        self._times = SendTimes()
+        self._last: Any = None
         self._update_tasks()
 
     # -- the master's side --------------------------------------------------------------------------------------------
 
-    def handle_order(self, order: vda.VehicleOrder, payload: bytes, state: RobotState | None) -> bool:
-        """Accept or reject an order; whether the kept order has changed.
+    def handle_order(self, order: vda.VehicleOrder, payload: bytes) -> None:
+        """Accept or reject an order.
 
         Args:
             order: from the master.
             payload: the message, which may have further fields.
-            state: of the robot; None if it is unknown.
 
         """
         kept, nodes, edges = self.kept, order.nodes, order.edges
         is_update = order.order_id == kept.order_id and bool(kept.nodes)
         if is_update and (order.order_update_id, nodes) == (kept.order_update_id, kept.nodes[-len(nodes) :]):
-            return False  # it has come twice
-        others = self._update_refusals(order) if is_update else self._start_refusals(order, state)
+            return  # it has come twice
+        others = self._update_refusals(order) if is_update else self._start_refusals(order)
         for kind, text in chain(self._form_refusals(order, payload), others):  # the first one counts
             self.reject(kind, text, orderId=order.order_id, orderUpdateId=str(order.order_update_id))
-            return False
+            return
         if is_update:
             nodes = [*self._base[:-1], *nodes]
             edges = [*(edge for edge in kept.edges if edge.released), *edges]
         else:
             self.instant = {key: one for key, one in self.instant.items() if one.action_status not in vda.ENDED}
-        self.kept = KeptOrder(order.order_id, order.order_update_id, nodes, edges)
-        self._rejections.clear()
+        self._keep(KeptOrder(order.order_id, order.order_update_id, nodes, edges))
+        self._rejections = []
         self._update_tasks()
-        return True
 
     def reject(self, kind: str, text: str, **references: str) -> None:
         """Report a message that is rejected; `kind` is an error type of version 3."""
@@ -141,17 +152,21 @@ class RobotOrders:
         if error.error_type:
             self._rejections = [*self._rejections[-7:], error]
 
-    def cancel(self, action: vda.OrderAction) -> bool:
-        """Cancel the order; whether the kept order has changed."""
+    def cancel(self, action: vda.OrderAction) -> None:
+        """Cancel the order."""
         wanted = action.parameter("orderId")
         if self.is_idle or self.kept.cancelled_by or wanted not in (None, self.kept.order_id):
             self.fail(action, "NO_ORDER_TO_CANCEL", "there is no such order")
-            return False
-        self.kept.cancelled_by = [action.action_id]
+            return
+        self._keep(msgspec.structs.replace(self.kept, cancelled_by=[action.action_id]))
         self.set_instant(action, "RUNNING")
         for one in self.tasks.values():
             one.state = one.state if one.has_ended else None
-        return True
+
+    def _keep(self, order: KeptOrder) -> None:
+        """Change the order; it is on disk before it is acknowledged."""
+        self.kept = order
+        write_file(self._file, msgspec.json.encode(order))
 
     def fail(self, action: vda.OrderAction, kind: str, text: str) -> None:
         """Reject an instant action; `kind` is an error type of version 3."""
@@ -212,14 +227,14 @@ class RobotOrders:
         if len(base) + len(order.nodes) > vda.NODES_MAX:
             yield "INSUFFICIENT_MEMORY", f"expected at most {vda.NODES_MAX} nodes in an order"
 
-    def _start_refusals(self, order: vda.VehicleOrder, state: RobotState | None) -> Iterator[Refusal]:
+    def _start_refusals(self, order: vda.VehicleOrder) -> Iterator[Refusal]:
         """Rules for new orders that this one breaks."""
-        first = order.nodes[0]
+        first, state = order.nodes[0], self.state
         if not self.is_idle:
             yield "OTHER_ORDER_ACTIVE", f"order {self.kept.order_id} is active"
         if order.order_update_id or first.sequence_id:
             yield "VALIDATION_FAILURE", "expected orderUpdateId 0 and sequenceId 0 of a new order"
-        if state is None or state.pose is None or state.lost:
+        if state.pose is None or state.lost:
             yield "MOBILE_ROBOT_NOT_AVAILABLE", "the robot does not know its position"
         elif first.node_position:
             away_m = state.pose.distance_m(self._vehicle.place(first.node_position))
@@ -311,12 +326,111 @@ class RobotOrders:
 
     def errors(self) -> list[vda.VehicleError]:
         """Rejections of messages, and the node that was not reached."""
-        found = list(self._rejections)
-        for one in self.tasks.values():
-            if not self.kept.cancelled_by and one.state in (TaskState.FAILED, TaskState.CANCELLED):
-                text = f"{one.node.node_id}: {one.why}"
-                return [*found, self._error("NODE_UNREACHABLE", text, {"nodeId": one.node.node_id})]
-        return found
+        lost = [one for one in self.tasks.values() if one.state in (TaskState.FAILED, TaskState.CANCELLED)]
+        if not lost or self.kept.cancelled_by:
+            return self._rejections
+        node, why = lost[0].node, lost[0].why
+        return [*self._rejections, self._error("NODE_UNREACHABLE", f"{node.node_id}: {why}", {"nodeId": node.node_id})]
+
+    # -- messages and calls --------------------------------------------------------------------------------------------
+
+    def step(self, now_ns: int) -> None:
+        """Process messages, call the team, and publish."""
+        if self._mqtt.is_new:
+            self._mqtt.is_new = False
+            self._mqtt.publish("connection", {"connectionState": "ONLINE"})
+            self._mqtt.publish("factsheet", factsheet(self._vehicle, self.state))
+        for message, payload in self._mqtt.receive():
+            self._handle(message, payload)
+        self._ask_team(now_ns)
+        self._publish_state(self.state, now_ns)
+
+    def close(self) -> None:
+        """Report the vehicle as offline, and disconnect."""
+        self._mqtt.publish("connection", {"connectionState": "OFFLINE"})
+        self._mqtt.close()
+
+    def _handle(self, message: vda.VdaStruct | vda.BadVehicleMessage, payload: bytes) -> None:
+        self._last = None
+        match message:
+            case vda.VehicleOrder() as order:
+                self.handle_order(order, payload)
+            case vda.InstantActions(actions=actions):
+                for action in actions:
+                    if action.action_id not in self.instant:  # else it has come twice
+                        self._do(action)
+            case error:
+                self.reject("VALIDATION_FAILURE", str(error))
+
+    def _do(self, action: vda.OrderAction) -> None:
+        match action.action_type:
+            case "cancelOrder":
+                self.cancel(action)
+            case "startPause" | "stopPause" as kind:
+                self.set_instant(action, "RUNNING")
+                wanted = Halt(halted=kind == "startPause", by=BY, reason=kind)
+                ask = partial(order_robot, self._wire, self._vehicle.serial, wanted)
+                self._robots.call(ask, partial(self._record_halt, action))
+            case "stateRequest" | "factsheetRequest" as kind:
+                if kind == "factsheetRequest":
+                    self._mqtt.publish("factsheet", factsheet(self._vehicle, self.state))
+                self.set_instant(action, "FINISHED")
+            case kind:
+                self.fail(action, "INVALID_INSTANT_ACTION", f"no robot can {kind}")
+
+    def _record_halt(self, action: vda.OrderAction, found: HaltReport | None, _error: str) -> None:
+        self.set_instant(action, "FAILED" if found is None or found.unconfirmed else "FINISHED")
+
+    def _ask_team(self, now_ns: int) -> None:
+        if self._is_asking:
+            return
+        is_due = self._times.is_due("check", CHECK_NS, now_ns)
+        task = self.task_to_ask(is_due=is_due)
+        if task is not None and (is_due or not self._has_failed):
+            self._is_asking, is_cancelled = True, bool(self.kept.cancelled_by)
+            ask = partial(ask_coordinator, self._wire, task, is_cancelled=is_cancelled)
+            self._coordinator.call(ask, partial(self._record_reply, task.id))
+
+    def _record_reply(self, task_id: str, found: TaskOutcome | None, error: str) -> None:
+        self._is_asking, self._has_failed = False, found is None
+        if found is None:  # no coordinator answers
+            self._wire.refusals.record("vda5050", task_id, RefusalCode.LOST, error)
+        else:
+            self.record(task_id, *found)
+
+    def _publish_state(self, robot: RobotState, now_ns: int) -> None:
+        vehicle, speed = self._vehicle, robot.velocity
+        charging, soc = (False, 1.0) if robot.battery is None else (robot.battery.charging, robot.battery.soc)
+        actions, instant = self.action_states(robot.pose), self.instant_states()
+        reached, (nodes, edges) = self.reached, self.remaining
+        news: dict[str, Any] = {
+            "orderId": self.kept.order_id,
+            "orderUpdateId": self.kept.order_update_id,
+            "lastNodeId": "" if reached is None else reached.node_id,
+            "lastNodeSequenceId": 0 if reached is None else reached.sequence_id,
+            "nodeStates": [_state_of(node, "node") for node in nodes],
+            "edgeStates": [_state_of(edge, "edge") for edge in edges],
+            "driving": any(msgspec.structs.astuple(speed)),
+            "paused": robot.halted,
+            "operatingMode": "AUTOMATIC",
+            "errors": self.errors(),
+            "actionStates": actions + instant if vehicle.version is vda.Version.V2_1 else actions,
+            "instantActionStates": instant,
+            "powerSupply": {"charging": charging, "stateOfCharge": min(max(100.0 * soc, 0.0), 100.0)},
+            "safetyState": {"activeEmergencyStop": "NONE", "fieldViolation": False},
+        }
+        moving: dict[str, Any] = {"velocity": {"vx": speed.forward_m_s, "vy": speed.left_m_s, "omega": speed.yaw_rad_s}}
+        if robot.pose is not None:
+            at = vehicle.from_arena(robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad)
+            where = vda.Position(at.x_m, at.y_m, at.yaw_rad, vehicle.map_id, localized=not robot.lost)
+            moving["mobileRobotPosition"] = where
+        moving |= _paths(vehicle, self.path, now_ns)
+        is_new = news != self._last and self._times.is_due("news", STATE_LEAST_NS, now_ns)
+        if self._times.is_due("state", 0 if is_new else STATE_NS, now_ns):
+            self._last = news
+            self._mqtt.publish("state", news | moving)
+        if self._times.is_due("visualization", VISUALIZATION_NS, now_ns):
+            self._mqtt.publish("visualization", moving | {"referenceStateHeaderId": self._mqtt.sent["state"] - 1})
 
 
 def _wait_s(action: vda.OrderAction) -> float | None:
@@ -327,9 +441,6 @@ def _wait_s(action: vda.OrderAction) -> float | None:
         return msgspec.convert(action.parameter("duration"), WaitTime, strict=False)
     except msgspec.ValidationError:
         return None
-
-
-# -- the process ------------------------------------------------------------------------------------------------------
 
 
 def read_order(path: Path) -> KeptOrder:
@@ -365,137 +476,6 @@ def ask_coordinator(wire: Endpoint, task: Task, *, is_cancelled: bool) -> TaskOu
     return outcome
 
 
-class RobotVehicle:
-    """A robot as a vehicle on MQTT.
-
-    Args:
-        vehicle: its address; its serial number is the robot's name.
-        broker: where it is shown.
-        file: keeps the order.
-        wire: of the team.
-        tasks: asks the coordinator.
-        halts: asks robots.
-
-    """
-
-    def __init__(
-        self, vehicle: vda.Vehicle, broker: Broker, file: Path, wire: Endpoint, tasks: Asker, halts: Asker
-    ) -> None:
-        self.state: RobotState | None = None
-        self.path: PlannedPath | None = None
-        self.orders = RobotOrders(vehicle, read_order(file))
-        self._vehicle, self._file, self._wire, self._tasks, self._halts = vehicle, file, wire, tasks, halts
-        self._is_asking = self._has_failed = False
-        """Whether the coordinator has yet to reply, and whether it did not reply to the last question."""
-        self._times = SendTimes()
-        self._last: Any = None
-        will = "connection", {"connectionState": vehicle.words.connection_broken}, 0
-        client_id = f"robrain-{vehicle.manufacturer}-{vehicle.serial}"
-        self._mqtt = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
-
-    def step(self, now_ns: int) -> None:
-        """Process messages, call the team, and publish."""
-        if self._mqtt.is_new:
-            self._mqtt.is_new = False
-            self._mqtt.publish("connection", {"connectionState": "ONLINE"})
-            self._mqtt.publish("factsheet", factsheet(self._vehicle, self.state))
-        for message, payload in self._mqtt.receive():
-            self._handle(message, payload)
-        self._ask_team(now_ns)
-        if self.state is not None:
-            self._publish_state(self.state, now_ns)
-
-    def close(self) -> None:
-        """Report the vehicle as offline, and disconnect."""
-        self._mqtt.publish("connection", {"connectionState": "OFFLINE"})
-        self._mqtt.close()
-
-    def _handle(self, message: vda.VdaStruct | vda.BadVehicleMessage, payload: bytes) -> None:
-        self._last = None
-        match message:
-            case vda.VehicleOrder() as order:
-                if self.orders.handle_order(order, payload, self.state):  # it is on disk before it is acknowledged
-                    write_file(self._file, msgspec.json.encode(self.orders.kept))
-            case vda.InstantActions(actions=actions):
-                for action in actions:
-                    if action.action_id not in self.orders.instant:  # else it has come twice
-                        self._do(action)
-            case error:
-                self.orders.reject("VALIDATION_FAILURE", str(error))
-
-    def _do(self, action: vda.OrderAction) -> None:
-        orders, serial = self.orders, self._vehicle.serial
-        match action.action_type:
-            case "cancelOrder":
-                if orders.cancel(action):
-                    write_file(self._file, msgspec.json.encode(orders.kept))
-            case "startPause" | "stopPause" as kind:
-                orders.set_instant(action, "RUNNING")
-                wanted = Halt(halted=kind == "startPause", by=BY, reason=kind)
-                self._halts.call(partial(order_robot, self._wire, serial, wanted), partial(self._record_halt, action))
-            case "stateRequest":
-                orders.set_instant(action, "FINISHED")
-            case "factsheetRequest":
-                self._mqtt.publish("factsheet", factsheet(self._vehicle, self.state))
-                orders.set_instant(action, "FINISHED")
-            case kind:
-                orders.fail(action, "INVALID_INSTANT_ACTION", f"no robot can {kind}")
-
-    def _record_halt(self, action: vda.OrderAction, found: HaltReport | None, _error: str) -> None:
-        self.orders.set_instant(action, "FAILED" if found is None or found.unconfirmed else "FINISHED")
-
-    def _ask_team(self, now_ns: int) -> None:
-        if self._is_asking:
-            return
-        is_due = self._times.is_due("check", CHECK_NS, now_ns)
-        task = self.orders.task_to_ask(is_due=is_due)
-        if task is not None and (is_due or not self._has_failed):
-            self._is_asking, is_cancelled = True, bool(self.orders.kept.cancelled_by)
-            ask = partial(ask_coordinator, self._wire, task, is_cancelled=is_cancelled)
-            self._tasks.call(ask, partial(self._record, task.id))
-
-    def _record(self, task_id: str, found: TaskOutcome | None, error: str) -> None:
-        self._is_asking, self._has_failed = False, found is None
-        if found is None:  # no coordinator answers
-            self._wire.refusals.record("vda5050", task_id, RefusalCode.LOST, error)
-        else:
-            self.orders.record(task_id, *found)
-
-    def _publish_state(self, robot: RobotState, now_ns: int) -> None:
-        orders, vehicle, speed = self.orders, self._vehicle, robot.velocity
-        charging, soc = (False, 1.0) if robot.battery is None else (robot.battery.charging, robot.battery.soc)
-        actions, instant = orders.action_states(robot.pose), orders.instant_states()
-        reached, (nodes, edges) = orders.reached, orders.remaining
-        news: dict[str, Any] = {
-            "orderId": orders.kept.order_id,
-            "orderUpdateId": orders.kept.order_update_id,
-            "lastNodeId": "" if reached is None else reached.node_id,
-            "lastNodeSequenceId": 0 if reached is None else reached.sequence_id,
-            "nodeStates": [_state_of(node, "node") for node in nodes],
-            "edgeStates": [_state_of(edge, "edge") for edge in edges],
-            "driving": any(msgspec.structs.astuple(speed)),
-            "paused": robot.halted,
-            "operatingMode": "AUTOMATIC",
-            "errors": orders.errors(),
-            "actionStates": actions + instant if vehicle.version is vda.Version.V2_1 else actions,
-            "instantActionStates": instant,
-            "powerSupply": {"charging": charging, "stateOfCharge": min(max(100.0 * soc, 0.0), 100.0)},
-            "safetyState": {"activeEmergencyStop": "NONE", "fieldViolation": False},
-        }
-        moving: dict[str, Any] = {"velocity": {"vx": speed.forward_m_s, "vy": speed.left_m_s, "omega": speed.yaw_rad_s}}
-        if robot.pose is not None:
-            at = vehicle.from_arena(robot.pose.x_m, robot.pose.y_m, robot.pose.yaw_rad)
-            where = vda.Position(at.x_m, at.y_m, at.yaw_rad, vehicle.map_id, localized=not robot.lost)
-            moving["mobileRobotPosition"] = where
-        moving |= _paths(vehicle, self.path, now_ns)
-        is_new = news != self._last and self._times.is_due("news", STATE_LEAST_NS, now_ns)
-        if self._times.is_due("state", 0 if is_new else STATE_NS, now_ns):
-            self._last = news
-            self._mqtt.publish("state", news | moving)
-        if self._times.is_due("visualization", VISUALIZATION_NS, now_ns):
-            self._mqtt.publish("visualization", moving | {"referenceStateHeaderId": self._mqtt.sent["state"] - 1})
-
-
 def _state_of(part: Any, kind: str) -> dict[str, Any]:
     fields = msgspec.to_builtins(part)
     return {key: fields[key] for key in (f"{kind}Id", "sequenceId", "released")}
@@ -518,10 +498,10 @@ SPEED_M_S = 1.0
 """Nominal value, as in `factsheet.json`: a robot does not report it."""
 
 
-def factsheet(vehicle: vda.Vehicle, robot: RobotState | None) -> dict[str, Any]:
+def factsheet(vehicle: vda.Vehicle, robot: RobotState) -> dict[str, Any]:
     """The factsheet of a robot as JSON, without its header."""
     sheet: dict[str, Any] = msgspec.json.decode(Path(__file__).with_name("factsheet.json").read_bytes())
-    diameter_m = 2.0 * (robot.radius_m if robot is not None else 0.0)
+    diameter_m = 2.0 * robot.radius_m
     sheet["physicalParameters"] |= {"width": diameter_m, "length": diameter_m}
     sheet["typeSpecification"] |= vehicle.words.type_specification
     return sheet
@@ -562,21 +542,25 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
             tokens.changes()
             there = {names["robot"] for names in tokens.present.values()}
             for received in inbox.drain():
-                name = received.message.robot
-                if name not in vehicles and name in there and len(vehicles) < ROBOTS_MAX:
-                    file = folder / f"{name}.json"
-                    vehicles[name] = RobotVehicle(shown._replace(serial=name), broker, file, wire, tasks, halts)
-                if name in vehicles and received.topic is robot_messages.ROBOT_STATE:
-                    vehicles[name].state = received.message
+                name, message = received.message.robot, received.message
+                if name in vehicles and isinstance(message, PlannedPath):
+                    vehicles[name].path = message
                 elif name in vehicles:
-                    vehicles[name].path = received.message
+                    vehicles[name].state = message
+                elif isinstance(message, RobotState) and name in there and len(vehicles) < ROBOTS_MAX:
+                    vehicle = shown._replace(serial=name)
+                    will = "connection", {"connectionState": vehicle.words.connection_broken}, 0
+                    client_id = f"robrain-{vehicle.manufacturer}-{name}"
+                    link = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
+                    file = folder / f"{name}.json"
+                    vehicles[name] = RobotVehicle(link, file, message, wire, tasks, halts)
             for name in vehicles.keys() - there:
                 vehicles.pop(name).close()
             for received in events.drain():
                 event = received.message
-                for vehicle in vehicles.values():
-                    vehicle.orders.record(event.task.id, event.state, event.why)
-            for vehicle in vehicles.values():
-                vehicle.step(wire.clock.now_ns())
-        for vehicle in vehicles.values():
-            vehicle.close()
+                for robot in vehicles.values():
+                    robot.record(event.task.id, event.state, event.why)
+            for robot in vehicles.values():
+                robot.step(wire.clock.now_ns())
+        for robot in vehicles.values():
+            robot.close()

@@ -133,8 +133,6 @@ def timestamp(now_ns: int) -> str:
 # -- orders and actions -----------------------------------------------------------------------------------------------
 
 
-BlockingType = Literal["NONE", "SOFT", "SINGLE", "HARD"]
-"""Whether an action allows driving and other actions."""
 ActionStatus = Literal["WAITING", "INITIALIZING", "RUNNING", "PAUSED", "RETRIABLE", "FINISHED", "FAILED"]
 ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
 """The states of an action that nothing follows."""
@@ -152,7 +150,8 @@ class OrderAction(VdaStruct):
 
     action_type: Name
     action_id: Name
-    blocking_type: BlockingType
+    blocking_type: Literal["NONE", "SOFT", "SINGLE", "HARD"]
+    """Whether it allows driving and other actions."""
     action_parameters: Annotated[list[ActionParameter], Meta(max_length=64)] | UnsetType = UNSET
 
     def parameter(self, key: str) -> Any:
@@ -226,7 +225,6 @@ OperatingMode = Literal[
     "STARTUP", "AUTOMATIC", "SEMIAUTOMATIC", "INTERVENED", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"
 ]
 """Control over a vehicle: by its master, or by a person."""
-ConnectionState = Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
 
 
 class Reference(VdaStruct):
@@ -243,10 +241,6 @@ class VehicleError(VdaStruct):
     error_level: ErrorLevel
     error_description: Text | UnsetType = UNSET
     error_references: Annotated[list[Reference], Meta(max_length=64)] | UnsetType = UNSET
-
-    def refers_to(self, key: str, value: str) -> bool:
-        """Whether a reference is the given one."""
-        return any((one.reference_key, one.reference_value) == (key, value) for one in self.error_references or ())
 
     @property
     def words(self) -> str:
@@ -353,7 +347,7 @@ class State(VdaStruct):
 class VehicleConnection(VdaStruct):
     """A vehicle's connection to the broker."""
 
-    connection_state: ConnectionState
+    connection_state: Literal["ONLINE", "OFFLINE", "HIBERNATING", "CONNECTIONBROKEN", "CONNECTION_BROKEN"]
 
 
 TOPICS: dict[str, type[VdaStruct]] = {

@@ -59,8 +59,6 @@ class Broker(NamedTuple):
         return cls(host, int(port), user, password, tls)
 
 
-Arrival = tuple[VdaStruct | BadVehicleMessage, bytes]
-"""A message, and its payload."""
 Will = tuple[str, Any, int]
 """Name and body of a message, and the seconds in which a new connection of the same client prevents it."""
 
@@ -85,7 +83,7 @@ class MqttLink:
         """Set when it has connected; for its owner to clear."""
         self.sent: Counter[str] = Counter()
         """Number of messages by name, which is the header id of the next one."""
-        self._vehicle, self._topics, self._clock, self._refusals = vehicle, topics, wire.clock, wire.refusals
+        self.vehicle, self._topics, self._clock, self._refusals = vehicle, topics, wire.clock, wire.refusals
         self._inbox: deque[tuple[str, bytes]] = deque(maxlen=INBOX_CAPACITY)
         self._failure = ""
         self._client = Client(CallbackAPIVersion.VERSION2, client_id, protocol=MQTTProtocolVersion.MQTTv5)
@@ -113,8 +111,8 @@ class MqttLink:
         if self.is_connected:
             self._client.publish(*self._message(name, body))
 
-    def receive(self) -> Iterator[Arrival]:
-        """Messages that have arrived since the last call."""
+    def receive(self) -> Iterator[tuple[VdaStruct | BadVehicleMessage, bytes]]:
+        """Messages that have arrived since the last call, with their payloads."""
         for _ in range(len(self._inbox)):
             topic, payload = self._inbox.popleft()
             try:
@@ -129,16 +127,16 @@ class MqttLink:
         self._client.loop_stop()
 
     def _message(self, name: str, body: Any) -> tuple[str, bytes, int, bool]:
-        payload = self._vehicle.payload(body, self.sent[name], self._clock.now_ns())
+        payload = self.vehicle.payload(body, self.sent[name], self._clock.now_ns())
         self.sent[name] += 1
         is_retained = name == "connection"
-        return self._vehicle.topic(name), payload, int(is_retained), is_retained
+        return self.vehicle.topic(name), payload, int(is_retained), is_retained
 
     def _on_connect(self, client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if reason.is_failure:
             self._report(str(reason))
             return
-        client.subscribe([(self._vehicle.topic(name), 1) for name in self._topics])
+        client.subscribe([(self.vehicle.topic(name), 1) for name in self._topics])
         self.is_new = True
         self._failure = ""
 

@@ -185,7 +185,8 @@ class VehicleRobot:
     def _send_order(self, work: _Work, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
         order = work.order
         order_id = order.order_id if order is not None else ""
-        refused = [one.words for one in vehicle.errors if one.refers_to("orderId", order_id)]
+        cause = vda.Reference("orderId", order_id)
+        refused = [one.words for one in vehicle.errors if cause in (one.error_references or ())]
         if work.cancelled:
             if work.sent_ns is None or now_ns - self._sent[1] > SETTLE_NS:
                 self._finish(TaskState.CANCELLED, work.cancelled)
@@ -496,12 +497,10 @@ class VehicleMember:
         return HaltAnswer(robot=self._robot.name, halted=False)
 
     def _answer_halts(self, now_ns: int) -> None:
-        for waiting in list(self._halts):
-            until_ns, reply = waiting
-            not_halted, holders = self._robot.not_halted, self._robot.latch.holders
-            if not not_halted or now_ns >= until_ns:
-                self._halts.remove(waiting)
-                reply(HaltAnswer(robot=self._robot.name, halted=bool(holders), by=holders, not_halted=not_halted))
+        not_halted, by = self._robot.not_halted, self._robot.latch.holders
+        for waiting in [one for one in self._halts if not not_halted or now_ns >= one[0]]:
+            self._halts.remove(waiting)
+            waiting[1](HaltAnswer(robot=self._robot.name, halted=bool(by), by=by, not_halted=not_halted))
 
 
 def _plugins() -> list[PluginInfo]:

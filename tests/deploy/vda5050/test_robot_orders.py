@@ -1,11 +1,13 @@
 """Orders of a master for a robot: the rules of acceptance, tasks, cancellation and restarts, without a broker."""
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 
-from robrain.deploy.vda5050.fleet_process import KeptOrder, RobotOrders, factsheet
+from robrain.deploy.vda5050.fleet_process import RobotVehicle, factsheet, read_order
 from robrain.deploy.vda5050.messages import BadVehicleMessage, OrderAction, Vehicle, VehicleOrder, Version, read
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.model.geometry import Pose2D
@@ -41,15 +43,29 @@ def order(*nodes: dict[str, Any], update: int = 0, order_id: str = "o/1", **edge
             "edges": edges}  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
 class Desk:
-    def __init__(self, version: Version = Version.V3_0, kept: KeptOrder | None = None) -> None:
-        self.orders = RobotOrders(vehicle_of(version), kept or KeptOrder("", 0, [], []))
+    """A robot as a vehicle; its order is in a file of the current folder."""
+
+    def __init__(self, version: Version = Version.V3_0) -> None:
+        link: Any = SimpleNamespace(vehicle=vehicle_of(version))
+        none: Any = None
+        self.file = Path(f"{version}.json")
+        self.orders = RobotVehicle(link, self.file, ROBOT, none, none, none)
 
     def send(self, message: dict[str, Any]) -> bool:
+        """Whether it changed the order."""
+        before = self.orders.kept
         payload = msgspec.json.encode(message)
         sent = read("order", payload)
         assert isinstance(sent, VehicleOrder)
-        return self.orders.handle_order(sent, payload, ROBOT)
+        self.orders.handle_order(sent, payload)
+        assert before is self.orders.kept or read_order(self.file) == self.orders.kept
+        return before is not self.orders.kept
 
     def end(self, state: TaskState = TaskState.DONE) -> None:
         one = next(one for one in self.orders.tasks.values() if not one.has_ended)
@@ -98,8 +114,7 @@ def test_an_update_replaces_the_horizon_and_continues_the_base() -> None:
 def test_a_restarted_gateway_makes_the_same_tasks() -> None:
     desk = Desk()
     desk.send(order(node(0), node(1), node(2)))
-    kept = msgspec.json.decode(msgspec.json.encode(desk.orders.kept), type=KeptOrder)
-    again = Desk(kept=kept)
+    again = Desk()
     assert again.tasks == desk.tasks
     assert again.orders.task_to_ask(is_due=False) == desk.tasks[0]
     assert not again.send(order(node(0), node(1), node(2)))
@@ -145,7 +160,9 @@ def test_an_unknown_field_that_is_no_json_ends_no_process(junk: bytes) -> None:
         except BadVehicleMessage:
             continue
         assert isinstance(sent, VehicleOrder)
-        assert Desk().orders.handle_order(sent, payload, ROBOT)
+        desk = Desk()
+        desk.orders.handle_order(sent, payload)
+        assert desk.orders.kept.nodes
 
 
 def test_a_start_out_of_range_is_rejected() -> None:
@@ -160,7 +177,8 @@ def test_a_start_out_of_range_is_rejected() -> None:
 def test_a_cancelled_order_ends_with_its_tasks_and_takes_no_update() -> None:
     desk = Desk()
     desk.send(order(node(0), node(1, actions=[WAIT]), node(2, False)))
-    assert desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
+    desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
+    assert read_order(desk.file).cancelled_by == ["c1"]
     assert desk.orders.instant["c1"].action_status == "RUNNING"
     desk.end(TaskState.CANCELLED)
     assert [one.action_status for one in desk.orders.instant_states()] == ["FINISHED"]
@@ -172,7 +190,7 @@ def test_a_cancelled_order_ends_with_its_tasks_and_takes_no_update() -> None:
 
 def test_there_is_nothing_to_cancel_without_an_order() -> None:
     desk = Desk()
-    assert not desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
+    desk.orders.cancel(OrderAction("cancelOrder", "c1", "NONE"))
     assert desk.orders.instant["c1"].action_status == "FAILED"
     assert desk.errors == [("NO_ORDER_TO_CANCEL", "WARNING")]
 
