@@ -552,12 +552,10 @@ def fleet_command(connect: str | None, team: str, broker: Broker, shown: vda.Veh
                     will = "connection", {"connectionState": vehicle.words.connection_broken}, 0
                     client_id = f"robrain-{vehicle.manufacturer}-{name}"
                     link = MqttLink(vehicle, broker, client_id, ("order", "instantActions"), wire, will)
-                    file = folder / f"{name}.json"
-                    vehicles[name] = RobotVehicle(link, file, message, wire, tasks, halts)
+                    vehicles[name] = RobotVehicle(link, folder / f"{name}.json", message, wire, tasks, halts)
             for name in vehicles.keys() - there:
                 vehicles.pop(name).close()
-            for received in events.drain():
-                event = received.message
+            for event in [received.message for received in events.drain()]:
                 for robot in vehicles.values():
                     robot.record(event.task.id, event.state, event.why)
             for robot in vehicles.values():

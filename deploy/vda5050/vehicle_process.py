@@ -22,7 +22,6 @@ from robrain.protocol.clock import steps, to_ns
 from robrain.protocol.errors import CallError, ErrorCode, NobodyThere
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots import host_messages, robot_messages
-from robrain.protocol.messages.robots.host_messages import HaltAnswer
 from robrain.protocol.messages.robots.plugin_messages import ROBOT_PLUGINS, PluginInfo, TaskKind
 from robrain.protocol.messages.robots.robot_messages import PlannedPath, PluginFault, RobotState, TaskStatus
 from robrain.protocol.messages.tasks import offer_messages
@@ -150,12 +149,11 @@ class VehicleRobot:
             self._cancel("the coordinator is silent, the lease ran out")
         sent = [*self._pause(vehicle, now_ns), *self._send_zones(vehicle, now_ns)]
         held, is_wanted = _read_order_id(vehicle.order_id), False
-        if work is not None:
-            if self._has_order(work, held):
-                self._check_progress(work, vehicle, now_ns)
-                is_wanted = self._work is work and not work.cancelled
-            else:
-                sent += self._send_order(work, vehicle, now_ns)
+        if work is not None and self._has_order(work, held):
+            self._check_progress(work, vehicle, now_ns)
+            is_wanted = self._work is work and not work.cancelled
+        elif work is not None:
+            sent += self._send_order(work, vehicle, now_ns)
         if held is not None and not vehicle.is_idle and not is_wanted:
             sent += self._instant("cancelOrder", now_ns)
         return sent
@@ -164,9 +162,8 @@ class VehicleRobot:
         """Whether the vehicle has the task's order, or does or has completed one of an earlier epoch."""
         if held is None or held[0] != work.status.id:
             return False
-        vehicle = self._vehicle
-        is_earlier = not vehicle.is_idle or _stay_ns(vehicle) is not None
-        return is_earlier or work.order is None or work.order.order_id == vehicle.order_id
+        is_earlier = not self._vehicle.is_idle or _stay_ns(self._vehicle) is not None
+        return is_earlier or work.order is None or work.order.order_id == self._vehicle.order_id
 
     def _check_progress(self, work: _Work, vehicle: vda.State, now_ns: int) -> None:
         faults, stay_ns = _faults(vehicle), _stay_ns(vehicle)
@@ -186,6 +183,7 @@ class VehicleRobot:
         order = work.order
         order_id = order.order_id if order is not None else ""
         cause = vda.Reference("orderId", order_id)
+        other_may_arrive = self._sent[0] not in (order_id, vehicle.order_id) and now_ns - self._sent[1] < SETTLE_NS
         refused = [one.words for one in vehicle.errors if cause in (one.error_references or ())]
         if work.cancelled:
             if work.sent_ns is None or now_ns - self._sent[1] > SETTLE_NS:
@@ -195,9 +193,7 @@ class VehicleRobot:
         elif refused or (work.sent_ns is not None and now_ns - work.sent_ns > GIVE_UP_NS):
             why = "; ".join(refused or [error.words for error in vehicle.errors]) or "no reason given"
             self._finish(TaskState.FAILED, f"the vehicle does not accept the order: {why}")
-        elif self._sent[0] not in (order_id, vehicle.order_id) and now_ns - self._sent[1] < SETTLE_NS:
-            pass  # the order before may still arrive
-        elif vehicle.is_idle and (work.sent_ns is None or now_ns - self._sent[1] >= AGAIN_NS):
+        elif vehicle.is_idle and not other_may_arrive and (work.sent_ns is None or now_ns - self._sent[1] >= AGAIN_NS):
             work.sent_ns = work.sent_ns or now_ns
             self._sent = (order_id, now_ns)
             return [("order", order)]
@@ -205,14 +201,13 @@ class VehicleRobot:
 
     def _pause(self, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
         is_ours = any(holder != VEHICLE for holder in self.latch.holders)
-        if vehicle.paused and not is_ours:
-            if now_ns - self._resumed_ns < RESUME_NS:
-                return self._instant("stopPause", now_ns)
-            if VEHICLE not in self.latch.holders:
-                self.latch.hold(VEHICLE, "the vehicle is paused")
-        elif not vehicle.paused:
+        if not vehicle.paused:
             self.latch.release(VEHICLE)
             return self._instant("startPause", now_ns) if is_ours else []
+        if not is_ours and now_ns - self._resumed_ns < RESUME_NS:
+            return self._instant("stopPause", now_ns)
+        if not self.latch.is_held:
+            self.latch.hold(VEHICLE, "the vehicle is paused")
         return []
 
     def _send_zones(self, vehicle: vda.State, now_ns: int) -> list[Outgoing]:
@@ -228,9 +223,8 @@ class VehicleRobot:
         return [] if there[name] == "ENABLED" else self._instant("enableZoneSet", now_ns, zoneSetId=name)
 
     def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Outgoing]:
-        if not self._times.is_due(kind, AGAIN_NS, now_ns):
-            return []
-        return [("instantActions", instant_action(kind, f"{kind}-{now_ns}", **parameters))]
+        message = instant_action(kind, f"{kind}-{now_ns}", **parameters)
+        return [("instantActions", message)] if self._times.is_due(kind, AGAIN_NS, now_ns) else []
 
     # -- the team's side --------------------------------------------------------------------------------------------
 
@@ -354,9 +348,8 @@ class VehicleRobot:
     def _order(self, task: Task, epoch: int) -> vda.VehicleOrder:
         order_id, places, start = f"robrain:{task.id}:{epoch}", _places(task), self._vehicle.position
         assert start is not None
-        allowed: vda.Deviation = {"a": START_DEVIATION_M, "b": START_DEVIATION_M, "theta": 0.0}
-        if self.address.version is vda.Version.V2_1:
-            allowed = START_DEVIATION_M
+        ellipse = {"a": START_DEVIATION_M, "b": START_DEVIATION_M, "theta": 0.0}
+        allowed = START_DEVIATION_M if self.address.version is vda.Version.V2_1 else ellipse
         at_start = vda.NodePosition(start.x, start.y, start.map_id, allowed_deviation=allowed)
         on_map = (self.address.waypoint(place.x_m, place.y_m) for place in places)
         stops = [at_start, *(vda.NodePosition(at.x, at.y, start.map_id) for at in on_map)]
@@ -441,7 +434,7 @@ class VehicleMember:
     def __init__(self, wire: Endpoint, robot: VehicleRobot, refusals: Refusals) -> None:
         self._wire, self._robot, self._refusals, name = wire, robot, refusals, robot.name
         self._inbox = Inbox()
-        self._halts: list[tuple[int, Callable[[HaltAnswer | CallError], None]]] = []
+        self._halts: list[tuple[int, Callable[[host_messages.HaltAnswer | CallError], None]]] = []
         self._times = SendTimes()
         self._last: object = None
         self._path: list[Point2D] = []
@@ -485,22 +478,22 @@ class VehicleMember:
             self._paths.put(PlannedPath(robot=self._robot.name, points=path))
         self._path = path
 
-    def _halt(self, request: Request[host_messages.HaltRequest]) -> Deferred[HaltAnswer]:
+    def _halt(self, request: Request[host_messages.HaltRequest]) -> Deferred[host_messages.HaltAnswer]:
         self._robot.halt(request.by or request.asked.by, request.asked.reason)
         until_ns = self._wire.clock.now_ns() + HALT_NS
         return Deferred(lambda reply: self._halts.append((until_ns, reply)))
 
-    def _resume(self, request: Request[host_messages.ResumeRequest]) -> HaltAnswer:
+    def _resume(self, request: Request[host_messages.ResumeRequest]) -> host_messages.HaltAnswer:
         reason = self._robot.resume(request.by or request.asked.by, self._wire.clock.now_ns())
         if reason:
             raise CallError(ErrorCode.REFUSED, f"{self._robot.name}: {reason}")
-        return HaltAnswer(robot=self._robot.name, halted=False)
+        return host_messages.HaltAnswer(robot=self._robot.name, halted=False)
 
     def _answer_halts(self, now_ns: int) -> None:
         not_halted, by = self._robot.not_halted, self._robot.latch.holders
         for waiting in [one for one in self._halts if not not_halted or now_ns >= one[0]]:
             self._halts.remove(waiting)
-            waiting[1](HaltAnswer(robot=self._robot.name, halted=bool(by), by=by, not_halted=not_halted))
+            waiting[1](host_messages.HaltAnswer(robot=self._robot.name, halted=bool(by), by=by, not_halted=not_halted))
 
 
 def _plugins() -> list[PluginInfo]:
