@@ -119,8 +119,6 @@ class RobotVehicle:
         self._last: Any = None
         self._update_tasks()
 
-    # -- the master's side --------------------------------------------------------------------------------------------
-
     def handle_order(self, order: vda.VehicleOrder, payload: bytes) -> None:
         """Accept or reject an order.
 
@@ -241,8 +239,6 @@ class RobotVehicle:
             if away_m > max(first.node_position.deviation_m, NEAR_M):
                 yield "START_NODE_OUT_OF_RANGE", f"the robot is {away_m:.2f} m away from the first node"
 
-    # -- the team's side ----------------------------------------------------------------------------------------------
-
     def task_to_ask(self, *, is_due: bool) -> Task | None:
         """The first task without a reply; if `is_due`, the first one. The coordinator must know it before the next."""
         opened = [one for one in self.tasks.values() if not one.has_ended]
@@ -266,8 +262,6 @@ class RobotVehicle:
                 task = Task(id=key, kind=VISIT, place=place, service_s=service_s, needs=(serial,), after=after)
                 self.tasks[key] = before.get(key) or NodeTask(node, task)
                 after = (key,)
-
-    # -- state --------------------------------------------------------------------------------------------------------
 
     @property
     def reached(self) -> vda.OrderNode | None:
@@ -331,8 +325,6 @@ class RobotVehicle:
             return self._rejections
         node, why = lost[0].node, lost[0].why
         return [*self._rejections, self._error("NODE_UNREACHABLE", f"{node.node_id}: {why}", {"nodeId": node.node_id})]
-
-    # -- messages and calls --------------------------------------------------------------------------------------------
 
     def step(self, now_ns: int) -> None:
         """Process messages, call the team, and publish."""

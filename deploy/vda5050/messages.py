@@ -130,9 +130,6 @@ def timestamp(now_ns: int) -> str:
     return stamp.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-# -- orders and actions -----------------------------------------------------------------------------------------------
-
-
 ActionStatus = Literal["WAITING", "INITIALIZING", "RUNNING", "PAUSED", "RETRIABLE", "FINISHED", "FAILED"]
 ENDED: tuple[ActionStatus, ...] = ("FINISHED", "FAILED")
 """The states of an action that nothing follows."""
@@ -216,9 +213,6 @@ class InstantActions(VdaStruct):
     """Actions for now."""
 
     actions: Actions
-
-
-# -- state ------------------------------------------------------------------------------------------------------------
 
 
 OperatingMode = Literal[

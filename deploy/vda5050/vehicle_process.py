@@ -112,8 +112,6 @@ class VehicleRobot:
         self._sent = ("", -SETTLE_NS)
         """Id of the order that was sent last, and when."""
 
-    # -- the vehicle's side -----------------------------------------------------------------------------------------
-
     def handle(self, message: object, now_ns: int) -> None:
         """Process a message of the vehicle or the team; the first state tells which task the vehicle does."""
         match message:
@@ -225,8 +223,6 @@ class VehicleRobot:
     def _instant(self, kind: str, now_ns: int, **parameters: str) -> list[Outgoing]:
         message = instant_action(kind, f"{kind}-{now_ns}", **parameters)
         return [("instantActions", message)] if self._times.is_due(kind, AGAIN_NS, now_ns) else []
-
-    # -- the team's side --------------------------------------------------------------------------------------------
 
     def offer(self, offer: TaskOffer, now_ns: int) -> TaskAnswer:
         """Accept a task, or refuse it with a reason."""
@@ -396,8 +392,6 @@ def _faults(vehicle: vda.State) -> str:
     return "; ".join(error.words for error in vehicle.errors if error.error_level in STOPS)
 
 
-# -- zones ------------------------------------------------------------------------------------------------------------
-
 ZONE_TYPES = {ZoneKind.SPEED_LIMIT: "SPEED_LIMIT", ZoneKind.PENALTY: "PENALTY"}
 """Zone types of version 3 beside `BLOCKED`; zones of other kinds are not sent."""
 
@@ -416,9 +410,6 @@ def zone_set_of(zones: Sequence[Zone], robot: str, vehicle: vda.Vehicle) -> dict
         found.append({"zoneId": zone.name, "zoneType": zone_type, "vertices": vertices, **limit})
     digest = hashlib.sha256(msgspec.json.encode([vehicle.map_id, found])).hexdigest()
     return {"mapId": vehicle.map_id, "zoneSetId": f"robrain-{digest[:16]}", "zones": found}
-
-
-# -- the member of the team --------------------------------------------------------------------------------------------
 
 
 class VehicleMember:
