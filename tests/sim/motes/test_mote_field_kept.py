@@ -1,5 +1,7 @@
 """A field of simulated motes with a coordinator that keeps it alive by itself, and without: the whole stack."""
 
+from statistics import fmean
+
 import msgspec
 import pytest
 
@@ -33,12 +35,15 @@ def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -
     oldest_s, arrived = {}, {}
     for policy in (ONLY_WATCH, MoteFieldPolicy(collect_age_s=40.0)):
         with field(policy, 8, sensitivity_dbm=-72.0).team(seed=4) as team:
-            ages_s = []
+            seen = []
             for _ in range(12):
                 team.run_for(10.0)
-                ages_s.append(told(team).oldest_s)
+                seen.append(told(team))
             records = [record for record in team.list() if record.by == "mote field"]
-            oldest_s[policy], arrived[policy] = max(ages_s), told(team).delivery_ratio
+            oldest_s[policy], arrived[policy] = (
+                max(one.oldest_s for one in seen),
+                fmean(one.delivery_ratio for one in seen),
+            )
             if policy is not ONLY_WATCH:
                 done = [record for record in records if record.state is TaskState.DONE]
                 assert {record.task.kind for record in done} == {"collect"}
@@ -48,7 +53,7 @@ def test_data_of_motes_out_of_reach_stay_young_if_robots_are_sent_to_collect() -
                 assert records == []
     watched, kept = oldest_s
     assert oldest_s[kept] < 0.8 * oldest_s[watched]
-    assert arrived[kept] > 0.93 > arrived[watched] + 0.05
+    assert arrived[kept] > arrived[watched] + 0.1
 
 
 def test_motes_on_duty_in_turn_tell_of_the_floor_when_all_would_be_dead() -> None:
