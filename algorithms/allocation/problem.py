@@ -311,7 +311,7 @@ class VisitArrays(NamedTuple):
             self.service_j[rows],
             self.earliest_s[rows],
             self.latest_s[rows],
-            self.allowed[:, rows],
+            np.ascontiguousarray(self.allowed[:, rows]),  # another layout would compile the kernels again
         )
 
 

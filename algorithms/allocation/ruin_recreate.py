@@ -368,7 +368,7 @@ class RuinRecreate:
             np.maximum(visits.delivery, visits.pickup),
             visits.pickup >= 0,
             np.where(required, REQUIRED_J, visits.prize_j),
-            np.ascontiguousarray(visits.allowed),  # another layout would compile the kernels again
+            visits.allowed,
             np.array([states.index(state) for state in states], np.int64),
             legs_j[count + len(team.charger) :, :count].min(axis=0, initial=math.inf),
         )
