@@ -1,7 +1,7 @@
 """How many files a task passes through: one robot, one visit, traced from its submission to the first wheel command.
 
 `python -m tests.bench.task_path` prints each file with the number of its functions. Counted is what runs only because
-of the task: functions that an idle team enters as well are left out.
+of the task, without functions that an idle team enters as well, and without imports.
 """
 
 import sys
@@ -43,7 +43,7 @@ def path_of_a_visit() -> Functions:
     """The functions that run because of the visit, by file."""
     idle = _entered(has_task=False)
     with_task = _entered(has_task=True)
-    only = {file: names - idle.get(file, set()) for file, names in with_task.items()}
+    only = {file: names - idle.get(file, set()) - {"<module>"} for file, names in with_task.items()}
     return {file: names for file, names in sorted(only.items()) if names}
 
 
