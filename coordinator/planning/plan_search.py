@@ -283,12 +283,8 @@ class PlanSearch:
     def _draft(self, snapshot: Snapshot, policy: PlanningPolicy) -> "Draft":
         needed = needed_m(snapshot)
         version = 0 if snapshot.floor is None else snapshot.floor.version
-        paths = self._paths
-        if paths is None or (paths.version, paths.needed_m, paths.unknown_cost) != (
-            version,
-            needed,
-            policy.unknown_cost,
-        ):
+        paths, key = self._paths, (version, needed, policy.unknown_cost)
+        if paths is None or (paths.version, paths.needed_m, paths.unknown_cost) != key:
             floor, radius_m = snapshot.floor, greatest_radius_m(snapshot)
             narrow_m = None if floor is None else mapped_clearance_m(radius_m, floor.geometry.resolution_m)
             paths = self._paths = PathLengths(floor, needed, policy.unknown_cost, narrow_m)

@@ -225,6 +225,8 @@ class Planning:
         self._costs = TaskCosts(wire, lifecycle.capabilities)
         self.forecast = Forecast(self._book, self._roster, self.after_charge, policy.time_margin)
         self._forecast_ns = 0
+        self._supposed: list[tuple[TaskRecord, Callable[[Supposed], None]]] = []
+        """Suppositions without a plan, in order. The cost of the first one's task is asked for."""
         self._suppositions: dict[int, Callable[[Supposed], None]] = {}
         self._supposition = 0
         """Number of the last one."""
@@ -270,8 +272,8 @@ class Planning:
                 self._update_cause(now_ns)
             if self._cause and now_ns >= self._not_before_ns:
                 self._ask(now_ns)
-            if self._suppositions:
-                self._answer_suppositions()
+            if self._supposed or self._suppositions:
+                self._plan_suppositions(now_ns)
             has_plan = self._follow_finished(now_ns)
         if has_plan or now_ns >= self._forecast_ns:
             self._forecast_ns = now_ns + FORECAST_NS
@@ -306,8 +308,8 @@ class Planning:
     def _plannable(self, now_ns: int) -> list[TaskRecord]:
         """Open tasks except those whose cost the robots have not reported yet."""
         records = self._builder.records()
-        if records or self._costs.is_waiting:
-            self._costs.follow((record.task for record in records), self._builder.places(now_ns), now_ns)
+        asked = {record.task.id: record.task for record in (*(one for one, _ in self._supposed[:1]), *records)}
+        self._costs.follow(asked.values(), self._builder.places(now_ns), now_ns)
         return [record for record in records if record.robot or self._costs.of(record.task) is not None]
 
     def _inputs_of(self, records: Sequence[TaskRecord], now_ns: int) -> PlanInputs:
@@ -364,25 +366,34 @@ class Planning:
             CallError: too many wait for such a plan.
 
         """
-        others = [one for one in self._plannable(now_ns) if one.task.id != record.task.id]
         if not self.is_on:
             on_plan(Supposed(0, None))
             return
-        if len(self._suppositions) >= SUPPOSITIONS_MAX:
+        if len(self._supposed) + len(self._suppositions) >= SUPPOSITIONS_MAX:
             raise CallError(ErrorCode.BUSY, f"{SUPPOSITIONS_MAX} dry runs are in progress; ask again later")
-        self._supposition += 1
-        self._suppositions[self._supposition] = on_plan
-        inputs = self._inputs_of([*others, record], now_ns)
-        snapshot = self._snapshot(inputs, f"what if {record.task.id}", now_ns)
-        absent = {name: robot for name, robot in self._builder.absent().items() if name not in inputs.members}
-        self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
-        self._answer_suppositions()
+        self._supposed.append((record, on_plan))
+        self._plan_suppositions(now_ns)
 
-    def _answer_suppositions(self) -> None:
-        for one in self._planner.supposed():
-            on_plan = self._suppositions.pop(one.number, None)
-            if on_plan is not None:
-                on_plan(one)
+    def _plan_suppositions(self, now_ns: int) -> None:
+        """Plan with the tasks whose cost is known, in turn, and pass on plans that are made."""
+        while self._supposed:
+            record, on_plan = self._supposed[0]
+            self._plannable(now_ns)  # asks; in lockstep, the answers are then there
+            others = [one for one in self._plannable(now_ns) if one.task.id != record.task.id]
+            if self._costs.of(record.task) is None and self._wire.drive is Drive.LIVE:
+                break
+            del self._supposed[0]
+            self._supposition += 1
+            self._suppositions[self._supposition] = on_plan
+            inputs = self._inputs_of([*others, record], now_ns)
+            snapshot = self._snapshot(inputs, f"what if {record.task.id}", now_ns)
+            absent = {name: robot for name, robot in self._builder.absent().items() if name not in inputs.members}
+            self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
+            self._plannable(now_ns)  # forgets the task
+        for answer in self._planner.supposed():
+            then = self._suppositions.pop(answer.number, None)
+            if then is not None:
+                then(answer)
 
     def _follow_finished(self, now_ns: int) -> bool:
         made = self._planner.finished_plans()
@@ -524,8 +535,7 @@ class Planning:
     def _next(self, robot: str) -> PlannedStep | None:
         steps = self._plan.steps.get(robot, ()) if self._plan is not None else ()
         for step in steps:
-            record = None if step.has_begun else self._book.find(step.task)
-            if record is not None and record.state is TaskState.QUEUED:
+            if not step.has_begun and self._is_queued(step.task):
                 return step
         return None
 
@@ -599,18 +609,15 @@ class Planning:
         self._not_before_ns = 0
 
     def _orders(self) -> dict[str, tuple[str, ...]]:
-        if self._plan is None:
-            return {}
         orders = {}
-        for robot, tasks in self._plan.orders.items():
-            left = tuple(
-                task
-                for task in tasks
-                if (record := self._book.find(task)) is not None and record.state is TaskState.QUEUED
-            )
-            if left:
+        for robot, tasks in ({} if self._plan is None else self._plan.orders).items():
+            if left := tuple(filter(self._is_queued, tasks)):
                 orders[robot] = left
         return orders
+
+    def _is_queued(self, task_id: str) -> bool:
+        record = self._book.find(task_id)
+        return record is not None and record.state is TaskState.QUEUED
 
 
 def _availability(state: RobotState) -> tuple[bool, bool, bool, bool]:

@@ -38,11 +38,13 @@ class _CostQuery(NamedTuple):
     task: str
     """The task that was sent on behalf of all with this key."""
     asked_ns: int
+    attempt: int
 
 
 class _Known(NamedTuple):
     version: int
     """Version of the announcements."""
+    task: Task
     works: tuple[Work, ...]
 
 
@@ -63,7 +65,6 @@ class TaskCosts:
         """None if a robot cannot estimate it."""
         self._questions: dict[_Key, _CostQuery] = {}
         """The last query without an answer."""
-        self._attempts: dict[_Key, int] = {}
         self._silent_ns: dict[int, int] = {}
         """By announcement: time of the first query since the last answer."""
         self._version = -1
@@ -94,7 +95,7 @@ class TaskCosts:
             open_ids.add(task.id)
             since_ns = max(self._first_ns.setdefault(task.id, now_ns), self._version_ns)
             known = self._known.get(task.id)
-            if known is not None and known.version == self._version:
+            if known is not None and (known.version, known.task) == (self._version, task):
                 continue
             keys = self._keys(task)
             unknown = [key for key in keys if key not in self._costs]
@@ -106,14 +107,13 @@ class TaskCosts:
                 continue  # earlier answers hold until then
             found = (self._costs.get(key) for key in keys)
             works = tuple(dict.fromkeys(one for one in found if one is not None))
-            self._known[task.id] = _Known(self._version, works)
+            self._known[task.id] = _Known(self._version, task, works)
         for gone in self._first_ns.keys() - open_ids:
             self._first_ns.pop(gone)
             self._known.pop(gone, None)
         self.is_waiting = len(self._known) < len(self._first_ns)
         if not self._first_ns:
             self._questions.clear()
-            self._attempts.clear()
         for robot, asked in missing.items():
             for start in range(0, len(asked), QUERY_TASKS_MAX):
                 request = CostsRequest(tasks=asked[start : start + QUERY_TASKS_MAX])
@@ -122,7 +122,7 @@ class TaskCosts:
     def of(self, task: Task) -> tuple[Work, ...] | None:
         """Cost of a task for each type of robot that can do it; empty if unknown, None if answers are pending."""
         known = self._known.get(task.id)
-        return None if known is None else known.works
+        return None if known is None or known.task != task else known.works
 
     def _keys(self, task: Task) -> dict[_Key, list[str]]:
         """The keys of a task, and the robots that can answer for each."""
@@ -140,10 +140,9 @@ class TaskCosts:
         able = [robot for robot in robots if robot in up]
         if not able:
             return ""
-        attempt = self._attempts.get(key, 0)
-        self._attempts[key] = attempt + 1
+        attempt = 0 if question is None else question.attempt + 1
         robot = able[attempt % len(able)]
-        self._questions[key] = _CostQuery(robot, task.id, now_ns)
+        self._questions[key] = _CostQuery(robot, task.id, now_ns, attempt)
         self._silent_ns.setdefault(key.announcement, now_ns)
         return robot
 
@@ -153,7 +152,6 @@ class TaskCosts:
         if key is None:  # not asked for, or answered by another robot
             return
         del self._questions[key]
-        self._attempts.pop(key, None)
         self._silent_ns.pop(key.announcement, None)
         work = msgspec.convert(cost, Work, from_attributes=True)
         self._costs[key] = None if cost.why else work

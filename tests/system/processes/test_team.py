@@ -109,6 +109,13 @@ def test_a_dry_run_submits_nothing(team: Team) -> None:
     found = team.dry_run("visit", place=(2, 1), service_s=5.0)
     assert (found.refused, found.known, found.task.place) == ("", None, Point2D(2.0, 1.0))
     assert [one.robot for one in found.robots] == ["r1", "r2"]
+    guard = {"area": [(1.5, 0.5), (2.5, 0.5), (2.5, 1.5)], "duration_s": 600.0}
+
+    def foreseen_j() -> float:
+        estimate = team.dry_run("guard", place=(2, 1), parameters=guard).estimate
+        return 0.0 if estimate is None else estimate.energy_j
+
+    until(lambda: foreseen_j() > 3000.0, "robots tell the cost", step=lambda: team.transport.pass_time(0.5))
     whole = Task(id="whole", kind="visit", place=Point2D(2.0, 1.0), deadline_ns=1)
     assert "its deadline was" in team.dry_run(whole).refused
     assert [record.task.id for record in team.list()] == before
