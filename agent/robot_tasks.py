@@ -191,6 +191,11 @@ class RobotTasks:
         """A behavior reports when its task will end, by its estimate, if it has one; on any thread."""
         self._foreseen = None if end_ns is None else (task_id, end_ns)
 
+    def carry(self, task_id: str) -> None:
+        """A behavior reports that the robot has taken an item of its task on board."""
+        if self._status is not None and self._status.id == task_id:
+            self._status = msgspec.structs.replace(self._status, carries=True)
+
     @property
     def is_busy(self) -> bool:
         """Whether a task runs; may be read on any thread."""
@@ -426,8 +431,7 @@ class RobotTasks:
 
     def halted(self) -> None:
         """The robot is halted: return its task; the behavior has dropped it in `emergency_halt`."""
-        self._own = None
-        self.held = None
+        self._own = self.held = None
         if self._current is not None and self.status is not None:
             self._end(self.status.id, TaskState.CANCELLED, "the robot is halted")
 
@@ -460,9 +464,7 @@ class RobotTasks:
                 self.held = None
         if recalled and self.is_busy:
             self._let_go(TaskState.CANCELLED, recalled)
-        if self._current is None or received_ns is None:
-            return
-        if (self.status if self._ends else self._status) is None:
+        if self._current is None or received_ns is None or (self.status if self._ends else self._status) is None:
             return
         if now_ns - received_ns > max(self._lease_ns, self.goes_on_ns):
             self._let_go(TaskState.CANCELLED, "the coordinator is silent, the lease ran out")

@@ -198,21 +198,16 @@ def without_idling(problem: Problem, plan: Plan) -> Plan:
 
 
 def _first_wait(route: Route) -> int | None:
-    for index, stop in enumerate(route.stops):
-        if stop.start_s - stop.arrive_s > WAITS_S:
-            return index
-    return None
+    waits = (index for index, stop in enumerate(route.stops) if stop.start_s - stop.arrive_s > WAITS_S)
+    return next(waits, None)
 
 
 def _better(problem: Problem, plan: Plan, worker: int, order: tuple[str, ...]) -> Plan | None:
     orders = [order if index == worker else route.jobs for index, route in enumerate(plan.routes)]
     found = make_plan(problem, orders, plan.objective)
-    if (
-        found is None
-        or found.rank > plan.rank
-        or _lateness(problem, found) >= _lateness(problem, plan)
-        or validate(problem, found)
-    ):
+    if found is None or found.rank > plan.rank or _lateness(problem, found) >= _lateness(problem, plan):
+        return None
+    if validate(problem, found):
         return None
     reasons = {one.job: one.reason for one in plan.unassigned}
     unassigned = tuple(Unassigned(one.job, reasons[one.job]) for one in found.unassigned)

@@ -38,7 +38,7 @@ from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE
-from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, TaskState
+from robrain.protocol.model.tasks.task import LEASE_S, MEMBER_PREFIX, NEEDS_MAX, TaskState
 from robrain.protocol.reasons import (
     DeadlinePassed,
     IsNext,
@@ -195,6 +195,8 @@ class TaskLifecycle:
     def receive(self, robot: str, status: TaskStatus, now_ns: int) -> TaskRecord | None:
         """Process a robot's report on its last task; returns the record before the change, None if nothing changed."""
         try:
+            if status.carries:
+                self._bind_carrier(robot, status.id)
             record = self.book.record_status(robot, status)
         except JournalUnwritable as error:
             self._written.report(error, now_ns)
@@ -205,6 +207,13 @@ class TaskLifecycle:
             # It was refused when it was to begin, a door does not open, or the robot has to charge.
             self._avoid_refuser(status.id, robot, status.reason or PlainReason(cut(status.why)), now_ns)
         return record
+
+    def _bind_carrier(self, robot: str, task_id: str) -> None:
+        """Name the robot that has an item of a task on board in the task's needs."""
+        record = self.book.find(task_id)
+        if record is not None and record.robot == robot and not record.recalled and robot not in record.task.needs:
+            task = msgspec.structs.replace(record.task, needs=(robot, *record.task.needs)[:NEEDS_MAX])
+            self.book.update(task, plain("carries", f"{robot} has an item of it on board", robot=robot), recalls=False)
 
     def _was_held(self, record: TaskRecord) -> bool:
         if record.recalled:

@@ -3,7 +3,7 @@
 import itertools
 
 from robrain.algorithms.allocation.delivery_trip import trip_order
-from robrain.plugins.behavior.errand import Errand, Run, Script
+from robrain.plugins.behavior.errand import AWAY_M, Errand, Run, Script
 from robrain.plugins.behavior.travel import TravelParameters
 from robrain.plugins.skill.energy import Work
 from robrain.protocol.model.geometry import Point2D
@@ -12,9 +12,15 @@ from robrain.protocol.model.tasks.stock_kinds import DELIVER, Deliver, Item
 from robrain.protocol.model.tasks.task import Task
 from robrain.protocol.reasons import OfferRefusal, plain
 
+TRIPS_KEPT = 16
+"""Unfinished trips that a robot remembers."""
+
 
 class DeliverBehavior(Errand[Deliver]):
-    """Picks up items and brings them to their places."""
+    """Picks up items and brings them to their places.
+
+    A robot that is interrupted has items on board. If it gets the task again, it continues with the next stop.
+    """
 
     class Parameters(TravelParameters, frozen=True, forbid_unknown_fields=True):
         """Capacity of the robot."""
@@ -43,12 +49,27 @@ class DeliverBehavior(Errand[Deliver]):
             carried_kg_m += max(0.0, load_kg) * leg_m
         return Work(path_m, wait_s=len(stops) * task.service_s, carried_kg_m=carried_kg_m, ends_at=stops[-1][0])
 
+    def init(self) -> None:
+        super().init()
+        self._trips: dict[str, list[Point2D]] = {}
+        """Remaining stops of the tasks that were begun."""
+
+    def play(self, task: Task, deliver: Deliver) -> Script:
+        """As usual; a trip that was begun continues with its next stop."""
+        return (yield from (self.do if task.id in self._trips else super().play)(task, deliver))
+
     def do(self, task: Task, deliver: Deliver) -> Script:
         """Drive from stop to stop. Result: `delivered` items."""
-        for number, (place, _) in enumerate(self._stops(task, deliver)):
-            if number:
-                yield from self.go(place)
+        left = self._trips.setdefault(task.id, [place for place, _ in self._stops(task, deliver)])
+        if len(self._trips) > TRIPS_KEPT:
+            del self._trips[next(iter(self._trips))]
+        while left:
+            if self.away_m(left[0]) > AWAY_M:
+                yield from self.go(left[0])
             yield from self.wait(task.service_s)
+            del left[0]
+            self.env.tasks.carry(task.id)
+        del self._trips[task.id]
         return {"delivered": 1 + len(deliver.items)}
 
     def _stops(self, task: Task, deliver: Deliver) -> list[tuple[Point2D, float]]:

@@ -29,7 +29,7 @@ import msgspec
 from robrain.agent.event import Event
 from robrain.agent.plugin import Behavior, external
 from robrain.plugins.behavior.budget import Budget, length_m
-from robrain.plugins.behavior.travel import Travel, TravelParameters, TravelState
+from robrain.plugins.behavior.travel import TROUBLE, Travel, TravelParameters, TravelState
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.driver.interface import Motion
 from robrain.protocol.clock import to_ns, to_seconds
@@ -68,13 +68,6 @@ Part = Generator[None, None, None]
 
 UNEXPLORED = plain("unexplored", "no way there, as its place is not explored yet")
 IN_ZONE = plain("in_zone", "its place is in a zone where the robot must not stop")
-TROUBLE = {
-    TravelState.BLOCKED: "the way is blocked",
-    TravelState.SHUT: "a door or a zone on the way is closed",
-    TravelState.TOO_NARROW: "the way is too narrow",
-    TravelState.NO_PATH: "no way there",
-    TravelState.LOST: "the robot does not know where it is",
-}
 AWAY_M = 0.3
 """A task that is done farther from its place says so (chosen: a robot's radius, and more than it stops short)."""
 TURNS = 3

@@ -19,14 +19,7 @@ from robrain.algorithms.exploration.strategies import JOINT, NO_EXPLORATION, STR
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.navigation.clearance import mapped_gap_cells
 from robrain.algorithms.navigation.frontier import MIN_CELLS, find_frontiers, frontier_mask, touching
-from robrain.plugins.behavior.travel import (
-    FIND_ITSELF,
-    GAP,
-    Travel,
-    TravelParameters,
-    TravelState,
-    too_narrow,
-)
+from robrain.plugins.behavior.travel import FIND_ITSELF, GAP, TROUBLE, Travel, TravelParameters, TravelState, too_narrow
 from robrain.plugins.skill.mapper.mapper import MapCells
 from robrain.plugins.unit.teammates import Doing, NearbyRobot
 from robrain.protocol.clock import to_ns
@@ -138,13 +131,6 @@ EVERYWHERE_M = 1e6
 """Robots within this distance are considered: all of the team."""
 DECIDE_PERIOD_S = 1.0
 """Period in which a robot that explores by its own choice decides again, as a coordinator does by `revise_s`."""
-OUTCOMES = {
-    TravelState.ARRIVED: (TaskState.DONE, "arrived"),
-    TravelState.BLOCKED: (TaskState.FAILED, "the way is blocked"),
-    TravelState.SHUT: (TaskState.FAILED, "a door or a zone on the way is closed"),
-    TravelState.NO_PATH: (TaskState.FAILED, "no way there"),
-    TravelState.LOST: (TaskState.FAILED, "the robot does not know where it is"),
-}
 
 
 class ExploreBehavior(Behavior):
@@ -250,8 +236,10 @@ class ExploreBehavior(Behavior):
         if progress is TravelState.TOO_NARROW:
             words, result = too_narrow(self._travel)
             self._finish(TaskState.FAILED, words, result)
-        elif progress in OUTCOMES:
-            self._finish(*OUTCOMES[progress])
+        elif progress is TravelState.ARRIVED:
+            self._finish(TaskState.DONE, "arrived")
+        elif progress in TROUBLE:
+            self._finish(TaskState.FAILED, TROUBLE[progress])
 
     def _aim(self, goal: Point2D, priority: float = 0.0) -> bool:
         """Set out to a place from which a frontier can be seen; False if there is no path.

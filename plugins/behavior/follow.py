@@ -1,8 +1,8 @@
 """Follow: stays near a robot or a point that moves."""
 
 from robrain.agent.plugin import external
-from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Run, Script
-from robrain.plugins.behavior.travel import TravelParameters
+from robrain.plugins.behavior.errand import Errand, Failed, Run, Script
+from robrain.plugins.behavior.travel import TROUBLE, TravelParameters
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.unit.teammates import TeammatesInterface
 from robrain.protocol.clock import to_ns, to_seconds

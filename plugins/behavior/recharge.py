@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from robrain.plugins.behavior.budget import AT_DOCK_M, length_m
-from robrain.plugins.behavior.errand import STEP_S, TROUBLE, Errand, Failed, Part, Run, Script
-from robrain.plugins.behavior.travel import TravelParameters, TravelState
+from robrain.plugins.behavior.errand import STEP_S, Errand, Failed, Part, Run, Script
+from robrain.plugins.behavior.travel import TROUBLE, TravelParameters, TravelState
 from robrain.plugins.skill.energy import Work
 from robrain.plugins.skill.home import ChargerPlace
 from robrain.plugins.unit.driver.interface import Motion

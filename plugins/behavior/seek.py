@@ -14,8 +14,8 @@ import msgspec
 
 from robrain.agent.event import Event
 from robrain.algorithms.navigation.source_seeking import FieldFit, FieldSamples
-from robrain.plugins.behavior.errand import TROUBLE, Errand, Failed, Script
-from robrain.plugins.behavior.travel import TravelState
+from robrain.plugins.behavior.errand import Errand, Failed, Script
+from robrain.plugins.behavior.travel import TROUBLE, TravelState
 from robrain.plugins.device.sensor_board import SensorBoardInterface
 from robrain.plugins.skill.energy import Work
 from robrain.protocol.border.reading_sieve import measured_at_ns

@@ -104,6 +104,16 @@ class TravelState(Enum):
     """The robot is lost, and has not found its place."""
 
 
+TROUBLE = {
+    TravelState.BLOCKED: "the way is blocked",
+    TravelState.SHUT: "a door or a zone on the way is closed",
+    TravelState.TOO_NARROW: "the way is too narrow",
+    TravelState.NO_PATH: "no way there",
+    TravelState.LOST: "the robot does not know where it is",
+}
+"""Why a travel has failed."""
+
+
 class Travel:
     """The travels of one behavior; made in its `init`, connected in its `activate`, stepped by its `step`.
 

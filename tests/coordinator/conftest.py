@@ -84,7 +84,7 @@ class FakeRobot:
     def leave(self) -> None:
         self.wire.close()
 
-    def say_state(self) -> None:
+    def say_state(self, **more: Any) -> None:
         self._states.put(
             RobotState(
                 robot=self.name,
@@ -100,6 +100,7 @@ class FakeRobot:
                 behavior=self.behavior,
                 continues_for_s=self.continues_for_s,
                 changes_received=self.changes_received,
+                **more,
             )
         )
 

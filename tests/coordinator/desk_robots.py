@@ -4,7 +4,6 @@ from robrain.agent.robot_tasks import RobotTasks
 from robrain.protocol.clock import to_ns
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskAnswer
 from robrain.protocol.messages.team.team_messages import COORDINATOR_STATE
 from robrain.protocol.model.tasks.task import TaskState
@@ -93,17 +92,8 @@ class DeskRobot(FakeRobot):
         if self.isolated:
             return
         standing = self.desk.situation(now_ns)
-        self._states.put(
-            RobotState(
-                robot=self.name,
-                pose=self.pose,
-                radius_m=0.2,
-                halted=self.halted,
-                task=standing.task,
-                next_task=standing.next_task,
-                task_before=standing.before,
-            )
-        )
+        self.task = standing.task
+        super().say_state(next_task=standing.next_task, task_before=standing.before)
 
     @property
     def _now_ns(self) -> int:

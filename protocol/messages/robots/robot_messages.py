@@ -70,6 +70,8 @@ class TaskStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a task that has ended: a few numbers, the key of an image; `energy_j` is the energy it took."""
     remaining_s: Seconds | None = None
     """Estimated time until it ends; None if unknown, and once the task has ended."""
+    carries: bool = False
+    """Whether the robot has taken an item of it on board, so that no other robot can do the rest."""
     reason: OfferRefusal | None = None
     """The reason that `why` puts in words, of a task that was held and then refused, or that a door prevents. None if
     there are only words."""

@@ -170,7 +170,8 @@ class Item(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class Deliver(TaskParameters, frozen=True, kw_only=True):
     """Pick up an item at the task's place and bring it somewhere; further items on the same trip.
 
-    The robot stops for `service_s` at each place. Result: `delivered` items, `carried_kg_m`.
+    The robot stops for `service_s` at each place. If it is interrupted with items on board, only this robot can do the
+    rest. Result: `delivered` items.
     """
 
     to: Point2D

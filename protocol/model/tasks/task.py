@@ -15,7 +15,8 @@ from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import NAME_MAX, STAMP_MAX, Duration, Name, Priority, Stamp
 
-Needs = Annotated[tuple[Name, ...], Meta(max_length=64)]
+NEEDS_MAX = 64
+Needs = Annotated[tuple[Name, ...], Meta(max_length=NEEDS_MAX)]
 After = Annotated[tuple[Name, ...], Meta(max_length=1000)]
 Team = Annotated[int, Meta(ge=1, le=1000)]
 Parameters = Annotated[dict[str, Any], Meta(max_length=64)]

@@ -45,6 +45,23 @@ def pair(team):
     return robots
 
 
+def test_a_task_whose_item_a_robot_carries_is_offered_to_no_other_unless_a_person_says_so(team, pair):
+    first, second = pair
+    team.submit(visit())
+    team.run(1.0)
+    first.desk.carry("t1")
+    team.run(0.5)
+    first.halted = True
+    team.run(5.0)
+    assert (first.running, second.running, get(team).task.needs) == ("", "", ("r1",))
+    first.halted = False
+    team.run(5.0)
+    assert first.running == "t1"
+    change(team, "t1", robot="r2")
+    team.run(3.0)
+    assert (first.running, second.running) == ("", "t1")
+
+
 def test_a_paused_task_is_taken_from_its_robot_and_begun_once_it_is_resumed(team, pair):
     first, second = pair
     team.submit(visit())

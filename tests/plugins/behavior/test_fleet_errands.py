@@ -42,6 +42,19 @@ def test_items_share_a_trip_within_the_capacity(errands):
     assert run.path_m() < 13.5, "both picked up first; one after the other is 16 m"
 
 
+def test_a_delivery_that_is_interrupted_continues_with_its_item_on_board(errands):
+    run = errands("deliver")
+    task = Task(id="d", kind="deliver", place=SHELF, parameters={"to": point(DOCK)})
+    assert run.offer(task).accepted
+    run.run_until(lambda: run.status().carries, 60.0, 0.2)
+    run.run_until(lambda: run.pose().distance_m(DOCK) < 2.5, 60.0, 0.2)
+    run.withdraw("d")
+    gone_m = run.path_m()
+    assert run.finish(task).state is TaskState.DONE
+    assert run.pose().distance_m(DOCK) < 0.2
+    assert run.path_m() - gone_m < 4.0, "not to the shelf again"
+
+
 def test_an_item_above_the_capacity_is_refused_with_both_weights(errands):
     run = errands("deliver")
     answer = run.offer(Task(id="d", kind="deliver", place=SHELF, parameters={"to": point(DOCK), "payload_kg": 40.0}))
