@@ -31,18 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from pyvrp import (
-    Activity,
-    ActivityType,
-    Client,
-    Depot,
-    Location,
-    ProblemData,
-    Route,
-    Shipment,
-    Solution,
-    VehicleType,
-)
+from pyvrp import Activity, ActivityType, Client, Depot, Location, ProblemData, Route, Shipment, Solution, VehicleType
 
 from robrain.algorithms.allocation.problem import Floats, Indices, Objective, Problem, ProblemArrays, VisitArrays
 

@@ -9,12 +9,7 @@ from collections.abc import Mapping, Sequence
 from operator import attrgetter
 
 from robrain.coordinator.core.core import CoordinatorPart, Core
-from robrain.coordinator.parts.charge_schedule import (
-    ChargerPath,
-    ChargerSlot,
-    ChargeSeeker,
-    schedule_charges,
-)
+from robrain.coordinator.parts.charge_schedule import ChargerPath, ChargerSlot, ChargeSeeker, schedule_charges
 from robrain.coordinator.planning.energy_budget import (
     CHARGED_SHARE,
     CHARGED_SOC,
@@ -37,13 +32,7 @@ from robrain.protocol.model.energy_model import Work, estimate
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.stock_kinds import RECHARGE, Recharge
 from robrain.protocol.model.tasks.task import Task, TaskState, parameters_of
-from robrain.protocol.reasons import (
-    OfferRefusal,
-    PlainReason,
-    WaitsForCharge,
-    plain,
-    sentence_of,
-)
+from robrain.protocol.reasons import OfferRefusal, PlainReason, WaitsForCharge, plain, sentence_of
 
 FULL_ENOUGH = 0.9
 """Below this level, a robot that lacks only the energy to explore is sent to charge."""

@@ -35,12 +35,7 @@ from robrain.protocol.clock import to_ns, to_seconds
 from robrain.protocol.errors import CallError, ErrorCode
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks import plan_messages
-from robrain.protocol.messages.tasks.plan_messages import (
-    ObjectiveRequest,
-    PlannedCharge,
-    PlanningStatus,
-    TaskEstimates,
-)
+from robrain.protocol.messages.tasks.plan_messages import ObjectiveRequest, PlannedCharge, PlanningStatus, TaskEstimates
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.ranges import cut

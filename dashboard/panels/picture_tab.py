@@ -3,9 +3,7 @@
 import viser
 
 from robrain.dashboard.html.elements import render
-from robrain.dashboard.html.team_html import (
-    motes_html,
-)
+from robrain.dashboard.html.team_html import motes_html
 from robrain.dashboard.layers.floor_layers import FieldLayer
 from robrain.dashboard.layers.layer import LayerSwitch
 from robrain.dashboard.panels.gui_values import set_html, set_value, set_visible

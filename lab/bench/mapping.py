@@ -14,23 +14,8 @@ from pathlib import Path
 import msgspec
 
 from robrain.deploy.command_line.terminal import print_line
-from robrain.lab.bench.figure import (
-    Bound,
-    Figure,
-    at_least,
-    at_most,
-    below,
-    deterministic,
-)
-from robrain.lab.bench.mapping_plan import (
-    CONDITIONS,
-    USUAL,
-    WHEELS,
-    BenchPlan,
-    Case,
-    errors_alone,
-    run_all,
-)
+from robrain.lab.bench.figure import Bound, Figure, at_least, at_most, below, deterministic
+from robrain.lab.bench.mapping_plan import CONDITIONS, USUAL, WHEELS, BenchPlan, Case, errors_alone, run_all
 from robrain.protocol.errors import RobrainError
 from robrain.sim.lockstep.result import RunResult
 

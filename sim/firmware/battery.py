@@ -23,11 +23,7 @@ from msgspec import Meta
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.checked import Checked
-from robrain.protocol.model.ranges import (
-    NotNegative,
-    Positive,
-    Share,
-)
+from robrain.protocol.model.ranges import NotNegative, Positive, Share
 from robrain.sim.firmware.power_model import PowerModel
 
 J_PER_WH = 3600.0

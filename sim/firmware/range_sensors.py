@@ -16,13 +16,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from robrain.algorithms.mapping.ray_cast import cast_rays_of
-from robrain.plugins.device.range_sensors import (
-    NO_ECHO_M,
-    RING_ANGLES_RAD,
-    SENSORS_A_FRAME,
-    SENSORS_MAX,
-    bump_sector,
-)
+from robrain.plugins.device.range_sensors import NO_ECHO_M, RING_ANGLES_RAD, SENSORS_A_FRAME, SENSORS_MAX, bump_sector
 from robrain.protocol.can.frame_port import frame_port
 from robrain.protocol.can.frames import codec
 from robrain.protocol.model.checked import Checked

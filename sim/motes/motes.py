@@ -20,14 +20,7 @@ from robrain.protocol.wire.endpoint import Endpoint
 from robrain.sim.motes.field import FieldSpec, SimulatedField
 from robrain.sim.motes.mesh import MoteMesh, energy_of
 from robrain.sim.motes.mote import ArenaMote, MoteSpec, SimulatedMote
-from robrain.sim.motes.radio import (
-    FadingLinks,
-    Floats,
-    RadioCounters,
-    RadioModel,
-    RobotAir,
-    ShadowField,
-)
+from robrain.sim.motes.radio import FadingLinks, Floats, RadioCounters, RadioModel, RobotAir, ShadowField
 from robrain.sim.robot.robot_body import Body
 
 BETWEEN_ROBOTS = 0xBA5E

@@ -11,12 +11,7 @@ from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model.checked import Checked
 from robrain.protocol.model.geometry import Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.protocol.model.ranges import (
-    NotNegative,
-    Positive,
-    PositiveInt,
-    Share,
-)
+from robrain.protocol.model.ranges import NotNegative, Positive, PositiveInt, Share
 from robrain.sim.firmware.lidar_line import LidarProtocol
 from robrain.sim.maps.surfaces import FloorSurfaces
 

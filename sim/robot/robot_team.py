@@ -16,13 +16,7 @@ from robrain.sim.firmware.power_model import LOAD, add_motion
 from robrain.sim.maps.floor_plan import FloorPlan
 from robrain.sim.maps.surfaces import FloorSurfaces
 from robrain.sim.maps.wall_shapes import add_walls
-from robrain.sim.robot.robot_body import (
-    COLLISION_SLOP_M,
-    MASS_KG,
-    OVERLAP_LEFT_PER_TICK,
-    CollisionCounter,
-    RobotBodies,
-)
+from robrain.sim.robot.robot_body import COLLISION_SLOP_M, MASS_KG, OVERLAP_LEFT_PER_TICK, CollisionCounter, RobotBodies
 from robrain.sim.robot.robot_hardware import ArenaRobot
 from robrain.sim.robot.simulated_robot import SimulatedRobot
 from robrain.sim.traffic.specs import WALL_COLLISION

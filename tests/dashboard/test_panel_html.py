@@ -2,13 +2,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from robrain.dashboard.html.robot_html import (
-    events_html,
-    plugin_card_html,
-    plugins_html,
-    result_html,
-    robot_card_html,
-)
+from robrain.dashboard.html.robot_html import events_html, plugin_card_html, plugins_html, result_html, robot_card_html
 from robrain.dashboard.html.task_html import explanation_html, gantt_html, queue_html
 from robrain.dashboard.html.team_html import log_html, motes_html, robots_html, strip_html, summary_html
 from robrain.dashboard.panels.halt_control import acknowledgements_html

@@ -9,10 +9,7 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from robrain.cli import all_commands
-from robrain.deploy.recordings.surroundings import (
-    surroundings_of_provenance,
-    surroundings_of_recording,
-)
+from robrain.deploy.recordings.surroundings import surroundings_of_provenance, surroundings_of_recording
 from robrain.protocol.messages.robots.robot_messages import RobotState
 from robrain.protocol.messages.tasks.offer_messages import TaskEvent
 from robrain.protocol.messages.team.arena_messages import ArenaTruth

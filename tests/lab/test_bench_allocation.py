@@ -9,15 +9,7 @@ from robrain.algorithms.allocation.optimal import OptimalAllocator
 from robrain.algorithms.allocation.problem import Objective
 from robrain.algorithms.allocation.warm_up import warm_up
 from robrain.deploy.errors import InstanceError, UsageError
-from robrain.lab.bench.allocation import (
-    BEST_FILE,
-    choose,
-    read_best,
-    read_public,
-    run_bench,
-    solve_alone,
-    solve_public,
-)
+from robrain.lab.bench.allocation import BEST_FILE, choose, read_best, read_public, run_bench, solve_alone, solve_public
 
 R101 = Path(__file__).parents[1] / "algorithms" / "allocation" / "data" / "R101_25.txt"
 SQUARE = """NAME : {name}

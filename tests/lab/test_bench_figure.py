@@ -5,16 +5,7 @@ import math
 import msgspec
 import pytest
 
-from robrain.lab.bench.figure import (
-    Bound,
-    Figure,
-    above,
-    at_least,
-    at_most,
-    below,
-    between,
-    deterministic,
-)
+from robrain.lab.bench.figure import Bound, Figure, above, at_least, at_most, below, between, deterministic
 
 
 @pytest.mark.parametrize(

@@ -5,17 +5,7 @@ import pytest
 
 from robrain.algorithms.motes.routes import RadioGraph
 from robrain.deploy.errors import UsageError
-from robrain.lab.bench.motes import (
-    MULES,
-    RELIEF,
-    ROUTES,
-    TREE,
-    MoteCase,
-    MoteFieldRun,
-    choose,
-    figures,
-    site_of,
-)
+from robrain.lab.bench.motes import MULES, RELIEF, ROUTES, TREE, MoteCase, MoteFieldRun, choose, figures, site_of
 
 
 def run(method: str, first_days: float, seed: int = 1, bound_days: float = 200.0) -> MoteFieldRun:

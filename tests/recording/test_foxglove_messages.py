@@ -10,11 +10,7 @@ from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.protocol.messages.team.arena_messages import Scan
 from robrain.protocol.model import grid_geometry as cells
 from robrain.protocol.model.grid_geometry import GridGeometry
-from robrain.recording.drawing.palette import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-)
+from robrain.recording.drawing.palette import FREE, OCCUPIED, UNKNOWN
 from robrain.recording.foxglove import channels as make
 
 

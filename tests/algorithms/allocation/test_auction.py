@@ -6,12 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from robrain.algorithms.allocation.auction import (
-    GREATEST_GAIN,
-    LEAST_BID,
-    LEAST_PER_PRIZE,
-    hold_auction,
-)
+from robrain.algorithms.allocation.auction import GREATEST_GAIN, LEAST_BID, LEAST_PER_PRIZE, hold_auction
 from robrain.algorithms.allocation.insertion import BY_ENERGY, BY_FINISH, BY_LEAST_LEFT, RouteBatch, empty_routes
 from robrain.algorithms.allocation.problem import TeamArrays, VisitArrays
 

@@ -19,11 +19,7 @@ from robrain.algorithms.energy.consumption import (
     PowerPrior,
 )
 from robrain.protocol.clock import to_ns
-from robrain.protocol.model.energy_model import (
-    EnergyEstimate,
-    Work,
-    estimate,
-)
+from robrain.protocol.model.energy_model import EnergyEstimate, Work, estimate
 from tests.energy_models import energy_model
 
 TRUE = (9.0, 0.3, 12.0, 1.0, 10.0)

@@ -7,11 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robrain.algorithms.localization.pose_accuracy import (
-    PoseAccuracyMeter,
-    nees,
-    position_sigma_m,
-)
+from robrain.algorithms.localization.pose_accuracy import PoseAccuracyMeter, nees, position_sigma_m
 from robrain.protocol.model.geometry import Pose2D
 
 HERE = Pose2D(0.0, 0.0, 0.0)

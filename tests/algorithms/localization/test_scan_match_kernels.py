@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robrain.algorithms.localization import scan_match as kernels
-from robrain.algorithms.localization.scan_match import (
-    REACH_M,
-    beam_ends,
-    match_walls,
-    search_scan,
-)
+from robrain.algorithms.localization.scan_match import REACH_M, beam_ends, match_walls, search_scan
 from robrain.algorithms.mapping.occupancy_grid import HIT_DEPTH_CELLS
 from robrain.protocol.model.geometry import Pose2D
 from tests.algorithms.mapping.lidar_floor import GEOMETRY, ROOM, ROOM_PLACES

@@ -9,13 +9,7 @@ from hypothesis import strategies as st
 
 from robrain.algorithms.mapping.occupancy_grid import OccupancyGrid
 from robrain.algorithms.slam import map_overlap
-from robrain.algorithms.slam.map_overlap import (
-    YAWS,
-    MapMatcher,
-    Overlap,
-    cells_outside,
-    search_places,
-)
+from robrain.algorithms.slam.map_overlap import YAWS, MapMatcher, Overlap, cells_outside, search_places
 from robrain.protocol.model.geometry import IDENTITY, Pose2D
 from robrain.protocol.model.grid_geometry import FREE, OCCUPIED, UNKNOWN, GridGeometry
 from tests.algorithms.mapping.lidar_floor import ANGLES_RAD, GEOMETRY, NOBODY, RANGE_M, ROOM, ROOM_PLACES, LidarFloor

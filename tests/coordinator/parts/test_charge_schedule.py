@@ -4,12 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robrain.coordinator.parts.charge_schedule import (
-    CLEAR_S,
-    ChargerPath,
-    ChargeSeeker,
-    schedule_charges,
-)
+from robrain.coordinator.parts.charge_schedule import CLEAR_S, ChargerPath, ChargeSeeker, schedule_charges
 from robrain.coordinator.planning.energy_budget import CHARGED_SOC, DOCK_S
 from robrain.coordinator.team.chargers import LEAST_W, USUAL_W, ChargePower, is_same_charger
 from robrain.protocol.clock import to_ns

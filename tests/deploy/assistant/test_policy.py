@@ -5,13 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from robrain.agent.lifecycle.external_function import external_functions
-from robrain.deploy.assistant.policy import (
-    HOST_NAMES,
-    MOVERS,
-    Ban,
-    call_refusal,
-    cancel_refusal,
-)
+from robrain.deploy.assistant.policy import HOST_NAMES, MOVERS, Ban, call_refusal, cancel_refusal
 from robrain.plugins.unit.driver.driver import Driver
 from robrain.protocol.messages.robots.plugin_messages import FunctionInfo, PluginInfo
 from robrain.protocol.messages.tasks.task_messages import TaskRecord

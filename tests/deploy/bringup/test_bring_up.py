@@ -15,18 +15,7 @@ from robrain.deploy.bringup.bring_up import ON_THE_FLOOR, BringUpOptions, write_
 from robrain.deploy.bringup.findings import CheckStep, FindingKind
 from robrain.plugins.device.mocdevice.mocdevice import MocDevice, WheelFrames
 from robrain.sim.world.robot_specs import RobotType
-from tests.deploy.bringup.brought_up import (
-    AIR,
-    FLOOR,
-    IMU,
-    LEFT,
-    NO_SQUARES,
-    RIGHT,
-    BroughtUp,
-    Watcher,
-    value,
-    wrong,
-)
+from tests.deploy.bringup.brought_up import AIR, FLOOR, IMU, LEFT, NO_SQUARES, RIGHT, BroughtUp, Watcher, value, wrong
 
 
 def encoders(*tables: dict[str, Any]) -> dict[str, dict[str, Any]]:

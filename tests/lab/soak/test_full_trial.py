@@ -8,13 +8,7 @@ from typer.testing import CliRunner
 
 from robrain.cli import all_commands
 from robrain.deploy.recordings.surroundings import surroundings_of_recording
-from robrain.lab.soak.fault_script import (
-    FaultScript,
-    ScriptRadio,
-    ScriptRobot,
-    TaskInput,
-    script_json,
-)
+from robrain.lab.soak.fault_script import FaultScript, ScriptRadio, ScriptRobot, TaskInput, script_json
 from robrain.lab.soak.soaking import CONNECTED, draw, draw_full_script, run_full_trial, scenario_of
 from robrain.protocol.model.geometry import Point2D
 from robrain.protocol.model.tasks.task import Task

@@ -5,12 +5,7 @@ import pytest
 from robrain.protocol.ros2.errors import BadAttachment, BadRosName
 from robrain.protocol.ros2.message_types import STRING
 from robrain.protocol.ros2.qos import LATCHED, RELIABLE, SENSOR_DATA, Durability, History, Qos
-from robrain.protocol.ros2.ros_names import (
-    check_domain,
-    data_key,
-    dds_type,
-    full_name,
-)
+from robrain.protocol.ros2.ros_names import check_domain, data_key, dds_type, full_name
 from robrain.protocol.ros2.ros_node import Attachment, Entity, EntityKind, NodeId
 
 CHATTER_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

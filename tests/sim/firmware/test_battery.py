@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 from robrain.protocol.can.frames import codec
 from robrain.protocol.can.zenoh_bus import ZenohBus
 from robrain.protocol.wire.session import open_lockstep_session
-from robrain.sim.firmware.battery import (
-    BatteryManager,
-    BatterySpec,
-    Gauge,
-    GaugeSpec,
-    SimulatedBattery,
-    open_circuit_v,
-)
+from robrain.sim.firmware.battery import BatteryManager, BatterySpec, Gauge, GaugeSpec, SimulatedBattery, open_circuit_v
 from robrain.sim.firmware.power_model import PowerModel
 
 TICK_S = 0.02

@@ -11,12 +11,7 @@ from robrain.protocol.clock import VirtualClock, to_ns
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.team.arena_messages import ARENA_SCAN
 from robrain.protocol.model.geometry import Pose2D
-from robrain.sim.firmware.disturbance import (
-    DelayLine,
-    DelaySpec,
-    DisturbanceSpec,
-    FrameDelaySpec,
-)
+from robrain.sim.firmware.disturbance import DelayLine, DelaySpec, DisturbanceSpec, FrameDelaySpec
 from robrain.sim.lockstep.lockstep import LockstepRun
 
 TICK_NS = to_ns(0.02)

@@ -4,16 +4,7 @@ import pytest
 from robrain.protocol.model.geometry import Point2D, Pose2D
 from robrain.protocol.model.grid_geometry import GridGeometry
 from robrain.recording.drawing.palette import ROBOT_COLORS
-from robrain.sim.robot.camera import (
-    MOTE_POST,
-    PLATE,
-    PLATE_INK,
-    Camera,
-    CameraSpec,
-    SeenMote,
-    SeenRobot,
-    number_cells,
-)
+from robrain.sim.robot.camera import MOTE_POST, PLATE, PLATE_INK, Camera, CameraSpec, SeenMote, SeenRobot, number_cells
 
 HERE = Pose2D(1.0, 2.0, 0.0)
 STILL = CameraSpec(noise_levels=0.0)

@@ -9,11 +9,7 @@ import pytest
 from robrain import Scenario
 from robrain.client.team import Team
 from robrain.protocol.links.inbox import Inbox
-from robrain.protocol.messages.maps.map_messages import (
-    COORDINATOR_LEFT,
-    ExplorationLeft,
-    LeftKind,
-)
+from robrain.protocol.messages.maps.map_messages import COORDINATOR_LEFT, ExplorationLeft, LeftKind
 from robrain.protocol.model.geometry import Point2D
 from robrain.recording.reader.reading import read_messages
 from robrain.sim.lockstep.lockstep import LockstepRun, LockstepTransport

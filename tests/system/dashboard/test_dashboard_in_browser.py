@@ -12,15 +12,7 @@ from playwright.sync_api import Browser, Page, expect
 from robrain.dashboard import run_dashboard
 from robrain.protocol.messages.team.team_messages import Halt
 from robrain.protocol.wire.endpoint import Endpoint
-from tests.system.browser import (
-    click_on,
-    colors_in,
-    keep,
-    open_page,
-    picture_of,
-    wait_for,
-    window,
-)
+from tests.system.browser import click_on, colors_in, keep, open_page, picture_of, wait_for, window
 from tests.system.conftest import member_at
 from tests.system.fake_team import FakeTeam
 from tests.system.stepped_dashboard import Stepped

@@ -10,15 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from robrain.protocol.model.geometry import wrap_angle_rad
-from tests.system.browser import (
-    CLOSE_NOTICES,
-    click_on,
-    keep,
-    notices,
-    open_page,
-    wait_for,
-    window,
-)
+from tests.system.browser import CLOSE_NOTICES, click_on, keep, notices, open_page, wait_for, window
 from tests.system.hanging import stopped
 from tests.system.live_team import LiveTeam, live_team
 from tests.waiting import PATIENCE_S, until
