@@ -22,6 +22,7 @@ MERGED_LINES_MAX = 600
 
 APART = {
     "coordinator/parts/charge_schedule.py": "it is list scheduling, which knows no coordinator",
+    "coordinator/planning/remedies.py": "it changes snapshots, and knows no planner",
     "deploy/supervision/guard.py": "it is the script of a separate process",
     "plugins/device/ros2/scan_reader.py": "it needs numpy; errors are to name ROS, which is imported first",
     "recording/invariants/robot_invariants.py": "`judging.py` has the judges of robots and of tasks",

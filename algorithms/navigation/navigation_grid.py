@@ -214,10 +214,12 @@ class NavigationGrid:
             cost += self.zones.surcharge[inner]
         self.cost[inner] = cost
 
-    def snap(self, place: Point2D, radius_m: float) -> tuple[int, int] | None:
-        """The nearest traversable cell within a radius of a place."""
-        cell = self.geometry.cell_of(place.x_m, place.y_m)
-        return nearest_traversable(self.traversable, cell, max(1, round(radius_m / self.geometry.resolution_m)))
+    def snap(
+        self, place: Point2D, radius_m: float, avoid: Sequence[tuple[float, float, float]] = ()
+    ) -> tuple[int, int] | None:
+        """The nearest traversable cell within a radius of a place, and outside circles (x, y, radius in metres)."""
+        cell, radius_cells = self.geometry.cell_of(place.x_m, place.y_m), round(radius_m / self.geometry.resolution_m)
+        return nearest_traversable(self.without(avoid) if avoid else self.traversable, cell, max(1, radius_cells))
 
     def path(
         self,

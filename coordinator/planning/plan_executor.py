@@ -11,7 +11,17 @@ from robrain.coordinator.team.roster import Robot
 from robrain.protocol.clock import to_ns
 from robrain.protocol.messages.tasks.task_messages import TaskRecord
 from robrain.protocol.model.tasks.task import TaskState
-from robrain.protocol.reasons import NearestOut, PlanReason, RobotReason, Shut, TaskReason, needed_for, plain
+from robrain.protocol.reasons import (
+    BelowReserve,
+    LacksEnergy,
+    NearestOut,
+    PlanReason,
+    RobotReason,
+    Shut,
+    TaskReason,
+    needed_for,
+    plain,
+)
 
 OFFERS_MAX = 16
 """Offers per step: each is journalled first, and the team must not wait for that."""
@@ -98,6 +108,7 @@ class PlanExecutor:
         eligibility, explanation = self._lifecycle.eligibility, self._explanation
         is_anybody_out = self._planning.anybody_out(now_ns)
         paused = {task for task, _ in self._lifecycle.backoff.pauses(now_ns)}
+        charging = {charge.robot for charge in self._planning.charges}
         for task_id, left in self._planning.left_out.items():
             record = self._book.find(task_id)
             if record is None or record.state is not TaskState.QUEUED or eligibility.unplannable(record) is not None:
@@ -107,6 +118,8 @@ class PlanExecutor:
             if is_anybody_out and explanation.able_but_out(record, now_ns):
                 continue  # it may still be done
             may_wait = record.task.deadline_ns is not None or isinstance(left.reason, Shut)
+            if isinstance(left.reason, NearestOut) and isinstance(left.reason.because, BelowReserve | LacksEnergy):
+                may_wait |= left.reason.robot in charging
             if not may_wait and now_ns - left.since_ns > to_ns(self._planning.policy.give_up_s):
                 gave_up = plain(
                     "gave_up",

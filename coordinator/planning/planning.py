@@ -304,7 +304,8 @@ class Planning:
         """Open tasks except those whose cost the robots have not reported yet."""
         records = self._builder.records()
         asked = {record.task.id: record.task for record in (*(one for one, _ in self._supposed[:1]), *records)}
-        self._costs.follow(asked.values(), self._builder.places(now_ns), now_ns)
+        if asked or self._costs.is_waiting:
+            self._costs.follow(asked.values(), self._builder.places(now_ns), now_ns)
         return [record for record in records if record.robot or self._costs.of(record.task) is not None]
 
     def _inputs_of(self, records: Sequence[TaskRecord], now_ns: int) -> PlanInputs:
@@ -384,7 +385,7 @@ class Planning:
             snapshot = self._snapshot(inputs, f"what if {record.task.id}", now_ns)
             absent = {name: robot for name, robot in self._builder.absent().items() if name not in inputs.members}
             self._planner.suppose(Supposition(self._supposition, snapshot, self.policy, record.task.id, absent))
-            self._plannable(now_ns)  # forgets the task
+            self._costs.follow((one.task for one in others), self._builder.places(now_ns), now_ns)  # forgets this one
         for answer in self._planner.supposed():
             then = self._suppositions.pop(answer.number, None)
             if then is not None:

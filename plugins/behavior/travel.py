@@ -1,6 +1,5 @@
 """Travel: how a behavior gets to a place. It plans, follows, replans, gives way, and publishes its path to the team."""
 
-import math
 from enum import Enum, auto
 
 import numpy as np
@@ -57,9 +56,6 @@ HELD_S = 2.0
 """Time that a robot that leaves a zone waits for others before it plans again (chosen)."""
 NEAR_M = 0.8
 """A place counts as reachable if the robot can come as near to it (as `snap_m` of the planner)."""
-OWN_CELL_M = 0.15
-"""The cell of a robot is open, however near others stand."""
-
 GAP = "gap_m"
 """In the result of a task: the width of the gap that the robot does not fit through."""
 
@@ -401,11 +397,7 @@ class Travel:
         It leads past other robots if it can, otherwise to where idle ones have to make room.
         """
         margin_m = encounter.radius_m + self._parameters.teammate_margin_m
-        others = [
-            (x_m, y_m, min(reach_m, math.hypot(x_m - pose.x_m, y_m - pose.y_m) - OWN_CELL_M))
-            for doing in Doing
-            for x_m, y_m, reach_m in circles(encounter.teammates, margin_m, doing)
-        ]
+        others = [circle for doing in Doing for circle in circles(encounter.teammates, margin_m, doing)]
         leave, view, here = self._planner.leave_zone, self.view(), self.place()
         return leave(view, here, area, others, to_rest=True) or leave(view, here, area, to_rest=True)
 

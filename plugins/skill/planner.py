@@ -152,7 +152,7 @@ class Planner(Skill):
         if area is None and not is_shut and not (to_rest and zones.forbids_rest(start)):
             return []
         seen = self._make(view, view.seen if is_shut else view.classes, is_narrow=True)
-        begin = seen.snap(start, snap_m)
+        begin = seen.snap(start, snap_m, avoid)
         if begin is None:
             return []
         costs = distance_field(seen.without(avoid), seen.cost, np.array([begin], np.int64))

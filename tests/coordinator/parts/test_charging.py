@@ -5,6 +5,7 @@ import pytest
 from robrain.coordinator.parts.charge_schedule import schedule_charges
 from robrain.coordinator.parts.charging import CHARGED_SOC, Charging
 from robrain.coordinator.planning.energy_budget import CHARGED_SHARE, when_charged
+from robrain.coordinator.planning.policy import PlanningPolicy
 from robrain.coordinator.planning.snapshot import AfterCharge
 from robrain.protocol.links.inbox import Inbox
 from robrain.protocol.messages.robots.robot_messages import BatteryState, RobotState
@@ -153,6 +154,17 @@ def test_what_somebody_free_can_do_does_not_wait_for_one_that_charges_though_tha
     assert fresh.robot.offers[-1].task.id == "beside-r1"
     why = team.ask(TASK_EXPLAIN, TaskRequest(id="beside-r1"), TaskExplanation)
     assert {one.robot: one.chosen for one in why.robots} == {"r1": False, "r2": True}
+
+
+def test_a_task_is_not_given_up_while_its_robot_waits_for_a_charger(team):
+    team.begin(None, PlanningPolicy(give_up_s=5.0))
+    workers = staff(team, (0.13, 0.1), dearer=DEAR)
+    assert run(team, workers, 30.0, until=lambda: workers[1].at_charger is not None)
+    team.submit(visit("t1", 7.0, needs=("r1",)))
+    run(team, workers, 15.0)
+    assert "t1" in team.coordinator.planning.left_out
+    assert team.states() == {"t1": TaskState.QUEUED}
+    assert run(team, workers, 600.0, until=all_done(team))
 
 
 def test_a_robot_that_is_halted_while_it_charges_is_counted_on_no_more(team):
