@@ -78,6 +78,7 @@ def test_a_submap_begins_with_the_first_scan_and_another_after_five_metres(stage
     assert one.call("mapper", "counters")["submaps"] == 2
 
 
+@pytest.mark.slow
 def test_old_submaps_that_the_map_no_longer_shows_go_and_those_that_it_shows_stay(stage):
     one, host = mapping(stage, graph={"submaps_max": 2})
     patches, team = one.inbox(ROBOT_MAP), SubmapAtlas(GEOMETRY)
